@@ -1,0 +1,90 @@
+"""What goes into and comes out of the drives. Every array is (12,), leg-major LF RF LH RH x HAA HFE KFE, SI."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+
+type Array = jax.Array
+
+
+class JointCommand(NamedTuple):
+    """What the locomotion controller asks of the joints, held for one control period."""
+
+    torque: Array  # N m, used where position_mode is 0
+    position: Array  # rad, used where position_mode is 1
+    position_mode: Array  # 0.0 or 1.0
+
+
+class JointMeasurement(NamedTuple):
+    """What the joint controllers see at the start of the control period (sensor noise and faults included)."""
+
+    position: Array  # link side, rad
+    velocity: Array  # link side, rad/s
+    torque: Array  # spring torque on the link, N m
+    motor_position: Array  # gear output side, rad
+
+
+class JointMotion(NamedTuple):
+    """True motion of the links during the control period."""
+
+    position: Array  # at the start of the period, rad
+    velocity: Array  # at the start of the period, rad/s
+    acceleration: Array  # mean over the period, rad/s^2 (zeros: constant velocity)
+    radial_load: Array  # force across the joint's bearing, N
+
+
+class DriveState(NamedTuple):
+    """What the scan carries."""
+
+    motor_position: Array  # gear output side, rad
+    motor_velocity: Array  # gear output side, rad/s
+    current: Array  # A
+    velocity_integral: Array  # integrator of the velocity PI, A
+    current_integral: Array  # integrator of the current PI, V
+    memory: Any  # states of the hooks, {} without hooks
+
+
+class DriveOutput(NamedTuple):
+    """What one control period produced."""
+
+    torque: Array  # mean spring torque on the link over the period, N m
+    damping: Array  # -d torque / d joint velocity over the period, N m s/rad, >= 0: lets the bodies be implicit
+    end_torque: Array  # spring torque at the end of the period, N m: what the torque sensor reads next
+    wanted_velocity: Array  # before limits, gear output side, rad/s
+    commanded_velocity: Array  # after speed and power limits, rad/s
+    peak_current: Array  # largest |current| in the period, A
+    peak_voltage: Array  # largest |voltage| in the period, V
+
+
+type Hook = Callable[[Any, Any, Any], tuple[Any, Any]]  # (value, signals, memory) -> (value, memory)
+
+
+class DriveHooks(NamedTuple):
+    """Functions spliced into the drive's equations, in order; each is closed over its own parameters.
+
+    A hook takes (value, signals, memory) and returns (value, memory). `signals` is the NamedTuple `Signals`.
+    Once a control period: command, measurement. Once a current-loop period: the others.
+    """
+
+    command: tuple[Hook, ...] = ()  # JointCommand -> JointCommand
+    measurement: tuple[Hook, ...] = ()  # JointMeasurement -> JointMeasurement
+    supply_voltage: tuple[Hook, ...] = ()  # V
+    motor_torque: tuple[Hook, ...] = ()  # N m at the rotor
+    friction: tuple[Hook, ...] = ()  # Friction(coulomb level, smooth torque), N m at the rotor
+    deflection: tuple[Hook, ...] = ()  # motor minus joint position, rad
+    spring: tuple[Hook, ...] = ()  # spring torque, N m on the link
+
+
+class Signals(NamedTuple):
+    """What a hook may look at; zeros where a signal does not exist yet at the hook's point."""
+
+    motor_position: Array  # gear output side, rad
+    motor_velocity: Array  # gear output side, rad/s
+    current: Array  # A
+    joint_position: Array  # rad
+    joint_velocity: Array  # rad/s
+    deflection: Array  # rad
+    deflection_rate: Array  # rad/s
+    spring_torque: Array  # N m
+    period: Array  # s, the time step of the loop that calls the hook, scalar
