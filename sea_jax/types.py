@@ -1,11 +1,13 @@
-"""What goes into and comes out of the drives. Every array is (12,), leg-major LF RF LH RH x HAA HFE KFE, SI."""
+"""What goes into and comes out of the drives. Every array is (J,), one entry a joint, SI;
+on the robot J = 12, leg-major LF RF LH RH x HAA HFE KFE.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 
-type Array = jax.Array
+Array = jax.Array
 
 
 class JointCommand(NamedTuple):
@@ -17,7 +19,7 @@ class JointCommand(NamedTuple):
 
 
 class JointMeasurement(NamedTuple):
-    """What the joint controllers see at the start of the control period (sensor noise and faults included)."""
+    """What the joint controllers see at the start of the control period, noise and faults included."""
 
     position: Array  # link side, rad
     velocity: Array  # link side, rad/s
@@ -49,7 +51,9 @@ class DriveOutput(NamedTuple):
     """What one control period produced."""
 
     torque: Array  # mean spring torque on the link over the period, N m
-    damping: Array  # -d torque / d joint velocity over the period, N m s/rad, >= 0: lets the bodies be implicit
+    damping: (
+        Array  # -d torque / d joint velocity over the period, N m s/rad, >= 0: lets the bodies be implicit
+    )
     end_torque: Array  # spring torque at the end of the period, N m: what the torque sensor reads next
     wanted_velocity: Array  # before limits, gear output side, rad/s
     commanded_velocity: Array  # after speed and power limits, rad/s
@@ -57,7 +61,7 @@ class DriveOutput(NamedTuple):
     peak_voltage: Array  # largest |voltage| in the period, V
 
 
-type Hook = Callable[[Any, Any, Any], tuple[Any, Any]]  # (value, signals, memory) -> (value, memory)
+Hook = Callable[[Any, Any, Any], tuple[Any, Any]]  # (value, signals, memory) -> (value, memory)
 
 
 class DriveHooks(NamedTuple):

@@ -1,0 +1,63 @@
+"""Motor mechanics (paper IV.4): Theta dw/dt = K I - tau_f - tau / N, one step of drift, kick, drift.
+
+Position moves half a step, velocity takes all torques at mid-step (friction last, implicitly), position moves
+the other half: second order and, without friction and damping, free of numerical energy.
+"""
+
+from typing import NamedTuple
+
+from sea_jax.friction import Friction, gear_friction, stick_or_slip
+from sea_jax.hooks import apply_hooks
+from sea_jax.parameters import DriveParams
+from sea_jax.spring import spring_coefficients, spring_torque
+from sea_jax.types import Array, DriveHooks, Signals
+
+
+class MotorStep(NamedTuple):
+    """What one step leaves, (J,)."""
+
+    position: Array  # gear output, rad
+    velocity: Array  # gear output, rad/s
+    spring_torque: Array  # on the link at mid-step, N m
+    stiffness: Array  # of the spring at mid-step, N m/rad
+    damping: Array  # N m s/rad
+    memory: dict
+
+
+def spring_on_link(
+    params: DriveParams, hooks: DriveHooks, signals: Signals, memory: dict
+) -> tuple[Array, Signals, dict]:
+    """Spring torque through the hooks of deflection and spring; signals come back with what was found."""
+    deflection = signals.motor_position - signals.joint_position
+    rate = signals.motor_velocity - signals.joint_velocity
+    signals = signals._replace(deflection=deflection, deflection_rate=rate)
+    deflection, memory = apply_hooks(hooks, "deflection", deflection, signals, memory)
+    signals = signals._replace(deflection=deflection)
+    torque, memory = apply_hooks(hooks, "spring", spring_torque(params, deflection, rate), signals, memory)
+    return torque, signals._replace(spring_torque=torque), memory
+
+
+def motor_step(
+    params: DriveParams,
+    hooks: DriveHooks,
+    signals: Signals,
+    mean_current: Array,
+    coulomb: Array,
+    memory: dict,
+) -> MotorStep:
+    """One step of signals.period; signals hold the motor at its start and the link at its middle."""
+    velocity, period = signals.motor_velocity, signals.period
+    signals = signals._replace(
+        motor_position=signals.motor_position + 0.5 * period * velocity, current=mean_current
+    )
+    spring, signals, memory = spring_on_link(params, hooks, signals, memory)
+    motor, memory = apply_hooks(hooks, "motor_torque", params.torque_constant * mean_current, signals, memory)
+    friction: Friction = gear_friction(params, coulomb, velocity)
+    friction, memory = apply_hooks(hooks, "friction", friction, signals, memory)
+
+    per_torque = period / (params.motor_inertia * params.gear_ratio)
+    free = velocity + per_torque * (motor - friction.smooth - spring / params.gear_ratio)
+    velocity = stick_or_slip(free, per_torque * friction.coulomb)
+    stiffness, damping = spring_coefficients(params, signals.deflection)
+    position = signals.motor_position + 0.5 * period * velocity
+    return MotorStep(position, velocity, spring, stiffness, damping, memory)
