@@ -1,10 +1,10 @@
 """What the controller knows of the robot, sees of its state and asks of its joints. SI; legs LF RF LH RH."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import jax
 
-type Array = jax.Array
+Array: TypeAlias = jax.Array
 
 
 class LegGeometry(NamedTuple):

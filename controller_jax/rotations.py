@@ -1,0 +1,74 @@
+"""Rotations and small products, written as multiply and add so that XLA fuses them under vmap."""
+
+import jax.numpy as jnp
+
+from controller_jax.types import Array
+
+# Added to squares under a root: keeps the root differentiable at zero, far below any length that matters.
+TINY = 1e-12
+
+
+def mm(a: Array, b: Array) -> Array:
+    """Matrix product (..., m, k) (..., k, n) -> (..., m, n); leading dimensions must agree in number."""
+    return (a[..., :, :, None] * b[..., None, :, :]).sum(-2)
+
+
+def mv(a: Array, v: Array) -> Array:
+    """Matrix times vector, (..., m, k) (..., k) -> (..., m)."""
+    return (a * v[..., None, :]).sum(-1)
+
+
+def mtv(a: Array, v: Array) -> Array:
+    """Transposed matrix times vector, (..., k, m) (..., k) -> (..., m)."""
+    return (a * v[..., :, None]).sum(-2)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product of (..., 3) vectors."""
+    return jnp.roll(a * jnp.roll(b, -1, -1) - jnp.roll(a, -1, -1) * b, -1, -1)
+
+
+def skew(v: Array) -> Array:
+    """(..., 3) -> (..., 3, 3) with skew(v) @ w = v x w."""
+    zero = jnp.zeros_like(v[..., 0])
+    rows = ((zero, -v[..., 2], v[..., 1]), (v[..., 2], zero, -v[..., 0]), (-v[..., 1], v[..., 0], zero))
+    return jnp.stack([jnp.stack(row, -1) for row in rows], -2)
+
+
+def normalize(v: Array) -> Array:
+    """Unit vector along (..., 3)."""
+    return v / jnp.sqrt((v * v).sum(-1, keepdims=True) + TINY)
+
+
+def rotation_log(R: Array) -> Array:
+    """Rotation vector of (..., 3, 3): angle times axis, rad. Good to 1e-3 rad short of half a turn."""
+    RT = jnp.swapaxes(R, -1, -2)
+    half = 0.5 * (R - RT)  # sin(angle) * skew(axis)
+    s = jnp.stack([half[..., 2, 1], half[..., 0, 2], half[..., 1, 0]], -1)
+    sine = jnp.sqrt((s * s).sum(-1, keepdims=True) + TINY)
+    cosine = 0.5 * (R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1.0)[..., None]
+    return s * (jnp.arctan2(sine, cosine) / sine)
+
+
+def rotation_z(angle: Array) -> Array:
+    """Turn by angle (...) about z, (..., 3, 3)."""
+    return rotation_axis(angle, 2)
+
+
+def rotation_axis(angle: Array, axis: int) -> Array:
+    """Turn by angle (...) about coordinate axis 0, 1 or 2: (..., 3, 3), frame turned to frame fixed."""
+    c, s = jnp.cos(angle), jnp.sin(angle)
+    zero, one = jnp.zeros_like(c), jnp.ones_like(c)
+    rows = {
+        0: ((one, zero, zero), (zero, c, -s), (zero, s, c)),
+        1: ((c, zero, s), (zero, one, zero), (-s, zero, c)),
+        2: ((c, -s, zero), (s, c, zero), (zero, zero, one)),
+    }[axis]
+    return jnp.stack([jnp.stack(row, -1) for row in rows], -2)
+
+
+def control_frame(R_WB: Array, normal_W: Array) -> Array:
+    """R_WC (3, 3) of the control frame: z the ground's normal, x the torso's x-axis laid on it (V.A.2)."""
+    heading = R_WB[:, 0] - normal_W * (R_WB[:, 0] * normal_W).sum()
+    x = normalize(heading)
+    return jnp.stack([x, cross(normal_W, x), normal_W], -1)
