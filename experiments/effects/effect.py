@@ -1,0 +1,93 @@
+"""An effect: a name, where it can act, its parameters, and the one equation it changes.
+
+An effect adds an equation to a hook of the plant. Its parameters reach the equation already spread over the
+places where it acts: one value per joint, link or foot, with every strength zero elsewhere. So an equation
+never sees a place, and with its strengths at zero it must return its value unchanged.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal
+
+Axis = Literal["joint", "link", "foot", "torso"]
+Part = Literal["drive", "bodies", "contact", "sensors"]
+
+HOOKS: Mapping[str, str] = MappingProxyType(
+    {
+        "drive_parameters": "DriveParams -> DriveParams, once",
+        "body_parameters": "BodyParams -> BodyParams, once",
+        "command": "JointCommand -> JointCommand, every control period",
+        "measurement": "JointMeasurement -> JointMeasurement, every control period",
+        "measured_motion": "JointMotion as logged -> true JointMotion (the inverse of `measurement`), replay only",
+        "supply_voltage": "bus voltage [V], every 0.1 ms",
+        "motor_torque": "torque at the rotor [N m], every 0.1 ms",
+        "friction": "Friction(coulomb, smooth) at the rotor [N m], every 0.1 ms",
+        "deflection": "spring deflection [rad], every 0.1 ms",
+        "spring": "spring torque on the link [N m], every 0.1 ms",
+        "joint_drag": "drag torque on the link, opposing its motion [N m], every control period",
+        "torso_force": "force on the torso in the world frame [N], every control period",
+    }
+)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of an effect: `role` strength is zero when the effect is off, shape has a meaning only with it.
+
+    `start` is a plausible size, in `unit`: the scale on which the fit moves and the value it starts from.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    start: float
+    role: Literal["strength", "shape"] = "strength"
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.start <= self.high:
+            raise ValueError(
+                f"parameter {self.name}: start {self.start} lies outside [{self.low}, {self.high}]"
+            )
+        if self.role == "strength" and not self.low <= 0.0 <= self.high:
+            raise ValueError(f"parameter {self.name}: a strength must be able to be zero")
+
+    @property
+    def off(self) -> float:
+        """Value where the effect does not act."""
+        return 0.0 if self.role == "strength" else self.start
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A physical effect that a model may have or lack.
+
+    equations maps a hook (see HOOKS) to a function `(p, value, signals) -> value`, where `p.<name>` holds the
+    effect's parameters; with `memory` > 0 it is `(p, value, signals, memory) -> (value, memory)` and memory is
+    an array (places, memory) that starts at zero. `seeds` are further starts for the shape parameters, for
+    effects whose error has several valleys.
+    """
+
+    name: str
+    about: str
+    part: Part
+    axis: Axis
+    parameters: tuple[Parameter, ...]
+    equations: Mapping[str, Callable[..., Any]] = field(hash=False)
+    memory: int = 0
+    seeds: tuple[Mapping[str, float], ...] = field(default=(), hash=False)
+
+    def __post_init__(self) -> None:
+        unknown = set(self.equations) - set(HOOKS)
+        if unknown:
+            raise ValueError(
+                f"effect {self.name}: no hook {sorted(unknown)}; the hooks are {', '.join(HOOKS)}"
+            )
+        if not any(parameter.role == "strength" for parameter in self.parameters):
+            raise ValueError(f"effect {self.name}: needs a parameter that is zero when the effect is off")
+
+    @property
+    def strengths(self) -> tuple[Parameter, ...]:
+        """The parameters that are all zero when the effect is off."""
+        return tuple(p for p in self.parameters if p.role == "strength")

@@ -1,0 +1,48 @@
+"""The ground is not the level, rigid, 0.8 ground of the nominal model."""
+
+import jax.numpy as jnp
+
+from experiments.effects.effect import Effect, Parameter
+
+
+def _friction(p, bodies, _):
+    return bodies._replace(friction=bodies.friction * (1.0 + p.relative))
+
+
+def _compliance(p, bodies, _):
+    return bodies._replace(compliance=bodies.compliance + p.compliance)
+
+
+def _slope(p, bodies, _):
+    # a ground that rises by x per metre along the world's x axis, by y along y
+    normal = bodies.terrain.normal - bodies.terrain.normal[2] * jnp.stack([p.x, p.y, jnp.zeros_like(p.x)])
+    normal = normal / jnp.sqrt((normal * normal).sum())
+    return bodies._replace(terrain=bodies.terrain._replace(normal=normal))
+
+
+EFFECTS = (
+    Effect(
+        "ground_friction",
+        "the ground is more or less slippery than nominal",
+        "contact",
+        "foot",
+        (Parameter("relative", "1", -0.95, 1.5, -0.3),),
+        {"body_parameters": _friction},
+    ),
+    Effect(
+        "ground_compliance",
+        "the ground gives way under load",
+        "contact",
+        "foot",
+        (Parameter("compliance", "m/N", 0.0, 1e-3, 2e-5),),
+        {"body_parameters": _compliance},
+    ),
+    Effect(
+        "ground_slope",
+        "the ground is tilted",
+        "contact",
+        "torso",
+        (Parameter("x", "m/m", -0.6, 0.6, 0.05), Parameter("y", "m/m", -0.6, 0.6, 0.05)),
+        {"body_parameters": _slope},
+    ),
+)

@@ -1,0 +1,75 @@
+"""Masses that the nominal numbers lack: a payload on the torso, links that are heavier, a constant pull."""
+
+import jax.numpy as jnp
+
+from experiments.effects.effect import Effect, Parameter
+
+
+def _payload(p, bodies, _):
+    # a point mass on the torso: new centre of mass, and both masses' parallel axes about it (diagonal kept)
+    place = jnp.stack([p.x, p.y, p.z])
+    torso, com = bodies.mass[0], bodies.com[0]
+    total = torso + p.mass
+    centre = (torso * com + p.mass * place) / total
+    added = torso * _about(com - centre) + p.mass * _about(place - centre)
+    return bodies._replace(
+        mass=_with_torso(bodies.mass, total),
+        com=_with_torso(bodies.com, centre),
+        inertia=_with_torso(bodies.inertia, bodies.inertia[0] + added),
+    )
+
+
+def _about(r):
+    """Diagonal of the inertia (3,) of a unit mass at r (3,)."""
+    square = r * r
+    return square.sum() - square
+
+
+def _with_torso(values, torso):
+    return jnp.concatenate([jnp.reshape(torso, (1, *values.shape[1:])), values[1:]])
+
+
+def _link_mass(p, bodies, _):
+    factor = jnp.concatenate([jnp.ones(1, jnp.float32), 1.0 + p.relative])
+    return bodies._replace(mass=bodies.mass * factor, inertia=bodies.inertia * factor[:, None])
+
+
+def _force(p, force, _):
+    return force + jnp.stack([p.x, p.y, p.z])
+
+
+EFFECTS = (
+    Effect(
+        "payload",
+        "the torso carries a mass that the model does not know of",
+        "bodies",
+        "torso",
+        (
+            Parameter("mass", "kg", -8.0, 30.0, 2.0),
+            Parameter("x", "m", -0.4, 0.4, 0.0, "shape"),
+            Parameter("y", "m", -0.3, 0.3, 0.0, "shape"),
+            Parameter("z", "m", -0.3, 0.4, 0.0, "shape"),
+        ),
+        {"body_parameters": _payload},
+    ),
+    Effect(
+        "link_mass",
+        "a link is heavier or lighter than nominal",
+        "bodies",
+        "link",
+        (Parameter("relative", "1", -0.9, 10.0, 0.3),),
+        {"body_parameters": _link_mass},
+    ),
+    Effect(
+        "constant_force",
+        "something pulls or pushes the torso all the time, in a direction fixed in the world",
+        "bodies",
+        "torso",
+        (
+            Parameter("x", "N", -200.0, 200.0, 5.0),
+            Parameter("y", "N", -200.0, 200.0, 5.0),
+            Parameter("z", "N", -200.0, 200.0, 5.0),
+        ),
+        {"torso_force": _force},
+    ),
+)

@@ -1,0 +1,75 @@
+"""Motor and supply: inertia, torque constant and its saturation and ripple, sag of the bus voltage."""
+
+import jax.numpy as jnp
+
+from experiments.effects.effect import Effect, Parameter
+
+
+def _inertia(p, params, _):
+    return params._replace(motor_inertia=params.motor_inertia * (1.0 + p.relative))
+
+
+def _torque_constant(p, torque, _):
+    return torque * (1.0 + p.relative)
+
+
+def _saturation(p, torque, s):
+    return torque * (1.0 - p.per_square_current * s.current * s.current)
+
+
+def _ripple(p, torque, s):
+    angle = p.harmonic * s.motor_position
+    return torque * (1.0 + p.sine * jnp.sin(angle) + p.cosine * jnp.cos(angle))
+
+
+def _sag(p, voltage, s):
+    return voltage - p.resistance * jnp.abs(s.current).sum()
+
+
+EFFECTS = (
+    Effect(
+        "motor_inertia",
+        "rotor and gear turn more or less inertia than nominal",
+        "drive",
+        "joint",
+        (Parameter("relative", "1", -0.8, 4.0, 0.2),),
+        {"drive_parameters": _inertia},
+    ),
+    Effect(
+        "torque_constant",
+        "a motor gives more or less torque per ampere than nominal",
+        "drive",
+        "joint",
+        (Parameter("relative", "1", -0.6, 0.6, -0.1),),
+        {"motor_torque": _torque_constant},
+    ),
+    Effect(
+        "torque_constant_saturation",
+        "torque per ampere falls at high current (magnetic saturation)",
+        "drive",
+        "joint",
+        (Parameter("per_square_current", "1/A^2", 0.0, 0.01, 0.002),),
+        {"motor_torque": _saturation},
+    ),
+    Effect(
+        "torque_ripple",
+        "torque per ampere varies with the rotor's angle",
+        "drive",
+        "joint",
+        (
+            Parameter("sine", "1", -0.5, 0.5, 0.05),
+            Parameter("cosine", "1", -0.5, 0.5, 0.05),
+            Parameter("harmonic", "periods per turn of the gear output", 10.0, 3000.0, 600.0, "shape"),
+        ),
+        {"motor_torque": _ripple},
+        seeds=tuple({"harmonic": 100.0 * n} for n in (1, 2, 4, 7, 8, 12, 14, 24)),
+    ),
+    Effect(
+        "bus_voltage_sag",
+        "the supply falls with the current that all motors draw",
+        "drive",
+        "joint",
+        (Parameter("resistance", "ohm", 0.0, 2.0, 0.2),),
+        {"supply_voltage": _sag},
+    ),
+)

@@ -1,0 +1,180 @@
+"""The plant: drives, bodies, effects and joint sensors for one control period (paper Fig. 2, right half)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from experiments.effects.compose import ActiveEffects, EffectNumbers, activate
+from experiments.effects.effect import Effect
+from experiments.effects.library import LIBRARY
+from experiments.errors import UserError
+from experiments.model import Model
+from mjx_starleth.bodies import Bodies, BodyInput, BodyOutput, BodyParams, BodyState, make_bodies
+from sea_jax import (
+    DRIVES,
+    DriveHooks,
+    DriveOutput,
+    DriveParams,
+    DriveState,
+    JointCommand,
+    JointMeasurement,
+    JointMotion,
+    LoopPeriods,
+    initial_state,
+    params_from_numbers,
+    periods_from_numbers,
+)
+from sea_jax.hooks import no_signals
+
+Array = jax.Array
+
+
+class PlantParams(NamedTuple):
+    """Every number of the plant that a search, a perturbation or a fit may change."""
+
+    drive: DriveParams
+    bodies: BodyParams
+    effects: EffectNumbers
+
+
+class PlantState(NamedTuple):
+    """What the scan carries."""
+
+    bodies: BodyState
+    drive: DriveState
+    torque: Array  # (12,) spring torque that the sensor shows now, N m
+    contact_force: Array  # (4, 3) mean over the last period, world frame, N
+    sensor_memory: tuple[Array, ...]
+
+
+class PlantInput(NamedTuple):
+    """What acts on the plant for one control period."""
+
+    command: JointCommand
+    measurement: JointMeasurement  # what the joint controllers act on
+    wrench_W: Array  # (6,) disturbance on the torso origin, world frame, N and N m
+
+
+class PlantOutput(NamedTuple):
+    """What one control period produced."""
+
+    drive: DriveOutput
+    bodies: BodyOutput
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """Static half of the plant; `params` is its numeric half at nominal."""
+
+    bodies: Bodies
+    drive: str
+    drive_step: Callable
+    periods: LoopPeriods
+    effects: ActiveEffects
+    params: PlantParams
+
+    def prepare(self, params: PlantParams) -> PlantParams:
+        """Apply, once a rollout, the effects that change a number of the plant."""
+        return params._replace(
+            drive=self.effects.apply("drive_parameters", params.effects, params.drive),
+            bodies=self.effects.apply("body_parameters", params.effects, params.bodies),
+        )
+
+    def initial_state(self, params: PlantParams, q: Array, joint_torque: Array) -> PlantState:
+        """At rest in generalised coordinates q (19,), the springs carrying joint_torque (12,)."""
+        memory = self.effects.memory()
+        sensors = memory.pop("measurement", ())
+        drive = initial_state(params.drive, q[7:], joint_torque, memory)
+        bodies = BodyState(q, jnp.zeros(18, jnp.float32), jnp.zeros((4, 3), jnp.float32))
+        return PlantState(bodies, drive, joint_torque, jnp.zeros((4, 3), jnp.float32), sensors)
+
+    def measure(self, params: PlantParams, state: PlantState) -> tuple[PlantState, JointMeasurement]:
+        """What the joint sensors show now, faults included, noise not."""
+        q, u = state.bodies.q, state.bodies.u
+        measurement = JointMeasurement(q[7:], u[6:], state.torque, state.drive.motor_position)
+        hooks = self.effects.hooks("measurement", params.effects)
+        if not hooks:
+            return state, measurement
+        signals = no_signals(state.torque, self.periods.control)
+        before = state.sensor_memory or (None,) * len(hooks)
+        after = []
+        for hook, memory in zip(hooks, before, strict=True):
+            measurement, memory = hook(measurement, signals, memory)
+            after.append(memory)
+        return state._replace(sensor_memory=tuple(after) if state.sensor_memory else ()), measurement
+
+    def step(
+        self, params: PlantParams, state: PlantState, inputs: PlantInput
+    ) -> tuple[PlantState, PlantOutput]:
+        """One control period: the drives move against the links' motion, then the links move under their torque.
+
+        `params` comes from `prepare`.
+        """
+        numbers = params.effects
+        motion = link_motion(state)
+        drive, drive_output = self.drive_step(
+            params.drive,
+            state.drive,
+            (inputs.command, inputs.measurement, motion),
+            self.effects.drive_hooks(numbers),
+            self.periods,
+        )
+        drag, drag_damping = self._drag(numbers, motion)
+        push = self.effects.apply("torso_force", numbers, jnp.zeros(3, jnp.float32), None)
+        bodies, body_output = self.bodies.step(
+            params.bodies,
+            state.bodies,
+            BodyInput(
+                joint_torque=drive_output.torque - drag,
+                joint_damping=drive_output.damping + drag_damping,
+                wrench_W=inputs.wrench_W.at[:3].add(push) if self._has("torso_force") else inputs.wrench_W,
+            ),
+        )
+        state = PlantState(
+            bodies, drive, drive_output.end_torque, body_output.contact_force, state.sensor_memory
+        )
+        return state, PlantOutput(drive_output, body_output)
+
+    def _has(self, hook: str) -> bool:
+        return any(hook in effect.equations for effect in self.effects.effects)
+
+    def _drag(self, numbers: EffectNumbers, motion: JointMotion) -> tuple[Array, Array]:
+        """Drag on the links and its slope, so that a steep dry law stays stable in the bodies' step."""
+        zero = jnp.zeros_like(motion.velocity)
+        if not self._has("joint_drag"):
+            return zero, zero
+
+        def drag(velocity):
+            signals = no_signals(velocity, self.periods.control)
+            signals = signals._replace(joint_position=motion.position, joint_velocity=velocity)
+            return self.effects.apply("joint_drag", numbers, zero, signals)
+
+        return jax.jvp(drag, (motion.velocity,), (jnp.ones_like(zero),))
+
+
+def link_motion(state: PlantState) -> JointMotion:
+    """The links seen by their drives; each bearing of a leg carries the leg's contact force."""
+    q, u = state.bodies.q, state.bodies.u
+    load = jnp.repeat(jnp.sqrt((state.contact_force**2).sum(-1) + 1e-6), 3)
+    return JointMotion(q[7:], u[6:], jnp.zeros_like(load), load)
+
+
+def make_plant(
+    model: Model, drive: str = "full", library: dict[str, Effect] = LIBRARY, **bodies_options: Any
+) -> Plant:
+    """The plant of a model with one of the drives `full`, `cheap` or `ideal`. Raises UserError."""
+    if drive not in DRIVES:
+        raise UserError(f"No drive '{drive}'; choose one of {', '.join(DRIVES)}.")
+    if model.numbers is None:
+        raise UserError("This model is a single joint on a bench: it has no legs to simulate.")
+    numbers = model.numbers.model_dump(mode="json")
+    bodies = make_bodies(model.numbers, **bodies_options)
+    effects, effect_numbers = activate(model.effects, library)
+    params = PlantParams(params_from_numbers(numbers), bodies.params, effect_numbers)
+    return Plant(bodies, drive, DRIVES[drive], periods_from_numbers(numbers), effects, params)
+
+
+__all__ = ["DriveHooks", "Plant", "PlantInput", "PlantOutput", "PlantParams", "PlantState", "make_plant"]

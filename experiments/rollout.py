@@ -1,0 +1,123 @@
+"""The closed loop of one trial: sense, control, drive, move, score, for a fixed number of 2.5 ms ticks (paper Fig. 2)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+
+from controller_jax.types import JointTargets, RobotState
+from experiments.plant import Plant, PlantInput, PlantOutput, PlantParams, PlantState
+from experiments.sensing import Sensing
+from experiments.trial import Trial, noise_row, push_at
+from sea_jax import JointCommand, JointMeasurement
+
+Array = jax.Array
+
+SANE_SPEED = 200.0  # m/s or rad/s: beyond this a rollout has diverged, and its state is frozen
+
+
+class Task(Protocol):
+    """What a motion task brings to the closed loop. All methods are pure and see one environment."""
+
+    name: str
+    ticks: int
+
+    def start(self, plant: Plant, params: PlantParams, values: Array, trial: Trial) -> tuple[PlantState, Any]:
+        """Plant and controller at time zero for parameter values (n,)."""
+
+    def control(
+        self, values: Array, state: Any, robot: RobotState, time: Array
+    ) -> tuple[Any, JointTargets, Any]:
+        """One control period: (controller state, targets, info)."""
+
+    def first_tally(self) -> Any:
+        """What the score accumulates, before the first tick."""
+
+    def observe(self, tally: Any, tick: "Tick") -> Any:
+        """Add one tick to the tally."""
+
+    def score(self, values: Array, tally: Any, failed: Array, last: PlantState) -> "Score":
+        """Cost, its terms and metrics from the tally."""
+
+
+class Tick(NamedTuple):
+    """Everything that happened in one control period."""
+
+    time: Array  # s, at its start
+    before: PlantState
+    after: PlantState
+    robot: RobotState  # as the controller saw it
+    measurement: JointMeasurement
+    targets: JointTargets
+    info: Any
+    output: PlantOutput
+    alive: Array  # 1.0 until the rollout diverges
+
+
+class Score(NamedTuple):
+    """What a rollout is worth."""
+
+    cost: Array  # ()
+    terms: dict[str, Array]  # weighted cost terms; their sum is the cost
+    metrics: dict[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Rollout:
+    """Static half of a closed loop."""
+
+    plant: Plant
+    task: Task
+    sensing: Sensing
+
+    def score(self, params: PlantParams, values: Array, trial: Trial) -> Score:
+        """Run one trial with parameter values (n,) and score it; a diverging one is scored, never NaN."""
+        return self._run(params, values, trial, lambda tick: None)[0]
+
+    def record(self, params: PlantParams, values: Array, trial: Trial) -> tuple[Score, Tick]:
+        """Run one trial and keep every tick: (score, ticks stacked along axis 0)."""
+        return self._run(params, values, trial, lambda tick: tick)
+
+    def _run(
+        self, params: PlantParams, values: Array, trial: Trial, keep: Callable[[Tick], Any]
+    ) -> tuple[Score, Any]:
+        plant, task = self.plant, self.task
+        params = trial.apply(params)
+        params = plant.prepare(params)
+        state, controller = task.start(plant, params, values, trial)
+
+        def tick(carry, k):
+            state, controller, sensing, tally, alive = carry
+            time = k.astype(jnp.float32) * plant.periods.control
+            noise = noise_row(trial, k)
+            sensed, measurement = plant.measure(params, state)
+            sensing, robot, measurement = self.sensing.step(sensing, sensed, measurement, noise)
+            controller, targets, info = task.control(values, controller, robot, time)
+            command = JointCommand(targets.torque, targets.position, targets.position_mode)
+            after, output = plant.step(params, sensed, PlantInput(command, measurement, push_at(trial, time)))
+            alive = alive * _sane(after)
+            after = jax.tree.map(lambda new, old: jnp.where(alive > 0, new, old), after, state)
+            observed = Tick(time, state, after, robot, measurement, targets, info, output, alive)
+            tally = jax.tree.map(
+                lambda new, old: jnp.where(alive > 0, new, old), task.observe(tally, observed), tally
+            )
+            return (after, controller, sensing, tally, alive), keep(observed)
+
+        first = (
+            state,
+            controller,
+            self.sensing.start(state),
+            task.first_tally(),
+            jnp.ones((), jnp.float32),
+        )
+        (last, _, _, tally, alive), kept = jax.lax.scan(tick, first, jnp.arange(task.ticks))
+        return task.score(values, tally, 1.0 - alive, last), kept
+
+
+def _sane(state: PlantState) -> Array:
+    """1.0 while the state is finite and its speeds are possible."""
+    speed = jnp.abs(state.bodies.u).max()
+    whole = jnp.isfinite(state.bodies.q.sum() + state.drive.motor_position.sum() + state.drive.current.sum())
+    return (whole & (speed < SANE_SPEED)).astype(jnp.float32)
