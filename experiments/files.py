@@ -104,18 +104,14 @@ def parse_json(data: bytes, name: str, max_depth: int = MAX_DEPTH) -> Any:
         )
         _check_tree(value, max_depth)
     except UnicodeDecodeError as error:
-        raise UserError(
-            f"{name} is not UTF-8 text (byte {error.start}); it is damaged or of another kind."
-        ) from None
+        raise UserError(f"{name} is not UTF-8 text (byte {error.start}); it is damaged or of another kind.") from None
     except json.JSONDecodeError as error:
         raise UserError(
             f"{name} is not valid JSON (line {error.lineno}, column {error.colno}: {error.msg}); "
             "it is damaged or of another kind."
         ) from None
     except RecursionError:
-        raise UserError(
-            f"{name} is nested deeper than {max_depth} levels, which no file of this kind is."
-        ) from None
+        raise UserError(f"{name} is nested deeper than {max_depth} levels, which no file of this kind is.") from None
     except _RefusedError as error:
         raise UserError(f"{name} {error}; it is damaged or of another kind.") from None
     return value

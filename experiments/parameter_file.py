@@ -1,5 +1,4 @@
-"""`parameters.json`: a motion's parameters for the robot's controller, with all that is needed to trust and
-repeat it.
+"""`parameters.json`: a motion's parameters for the robot's controller, with all it takes to trust them.
 
 `ParameterFile` is the schema of record; `schemas/parameters.schema.json` is generated from it for other
 languages (`python -m experiments.parameter_file > experiments/schemas/parameters.schema.json`). The
@@ -49,9 +48,7 @@ class Parameter(_Record):
     @model_validator(mode="after")
     def _inside(self) -> Self:
         if not self.low <= self.value <= self.high:
-            raise ValueError(
-                f"{self.name} = {self.value:g} {self.unit} lies outside [{self.low:g}, {self.high:g}]"
-            )
+            raise ValueError(f"{self.name} = {self.value:g} {self.unit} lies outside [{self.low:g}, {self.high:g}]")
         return self
 
 
@@ -104,9 +101,7 @@ class ParameterFile(_Record):
     schema_version: Literal[1] = SCHEMA_VERSION
     task: Name
     robot: Name
-    model_hash: Annotated[
-        str, Field(pattern=r"^[0-9a-f]{16,64}$", description="of the model it was tuned on")
-    ]
+    model_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16,64}$", description="of the model it was tuned on")]
     parameters: Annotated[list[Parameter], Field(min_length=1, max_length=1000)]
     metrics: dict[Name, Metric]
     cost_terms: dict[Name, float] = Field(description="what the cost is the sum of, weights included")
@@ -202,15 +197,12 @@ def read_parameters(
         file = ParameterFile.model_validate(content)
         intact = checksum(content) == file.checksum
     except ValidationError as error:
-        raise UserError(
-            f"{name} is refused: {_reason(error)}; take an undamaged copy or tune again."
-        ) from None
+        raise UserError(f"{name} is refused: {_reason(error)}; take an undamaged copy or tune again.") from None
     except ValueError as error:  # not representable in RFC 8785
         raise UserError(f"{name} is refused: {error}; take an undamaged copy or tune again.") from None
     if not intact:
         raise UserError(
-            f"{name} was changed after it was written (its checksum is wrong); "
-            "take an undamaged copy or tune again."
+            f"{name} was changed after it was written (its checksum is wrong); take an undamaged copy or tune again."
         )
     _refuse_other(file, name, robot, model_hash, task)
     gate = file.robustness_gate
@@ -222,9 +214,7 @@ def read_parameters(
     return file
 
 
-def _refuse_other(
-    file: ParameterFile, name: str, robot: str | None, model_hash: str | None, task: str | None
-) -> None:
+def _refuse_other(file: ParameterFile, name: str, robot: str | None, model_hash: str | None, task: str | None) -> None:
     if robot is not None and file.robot != robot:
         raise UserError(f"{name} is for the robot '{file.robot}', not for '{robot}'; tune for this robot.")
     if model_hash is not None and file.model_hash != model_hash:
@@ -233,9 +223,7 @@ def _refuse_other(
             "give the model file it was tuned on, or tune again."
         )
     if task is not None and file.task != task:
-        raise UserError(
-            f"{name} is for the task '{file.task}', not for '{task}'; give the file of that task."
-        )
+        raise UserError(f"{name} is for the task '{file.task}', not for '{task}'; give the file of that task.")
 
 
 def _reason(error: ValidationError) -> str:

@@ -1,9 +1,9 @@
 """The folder of one run: used by one process at a time, never mixed with anything else, and resumable.
 
     runs/jump/
-      run.json      what the run is: its command, the settings that decide its result, and whether it has
-      finished .lock         held (flock) by the process that works here; the kernel drops it when that
-      process dies …             the run's own files
+      run.json   what the run is: its command, the settings that decide its result, has it finished
+      .lock      held (flock) by the process that works here; the kernel drops it when that process dies
+      …          the run's own files
 
 The lock is the kernel's, not the file's: what a SIGKILL leaves behind is a file that nobody holds, and the
 next run takes it over. Its contents only serve the message.
@@ -74,8 +74,7 @@ def open_run(
         _remove_temporaries(folder)
         if shutil.disk_usage(folder).free < MIN_FREE_BYTES:
             raise UserError(
-                f"the disk of {shown(folder)} is almost full (a run needs {MIN_FREE_BYTES // 2**20} MB); "
-                "make room."
+                f"the disk of {shown(folder)} is almost full (a run needs {MIN_FREE_BYTES // 2**20} MB); make room."
             )
         record = _read_record(folder)
         if record is not None:
@@ -94,9 +93,7 @@ def _make(folder: Path) -> None:
         raise UserError(f"{shown(folder)} is not a folder; give another output folder.") from None
     except (OSError, ValueError) as error:
         reason = (getattr(error, "strerror", None) or str(error)).lower()
-        raise UserError(
-            f"cannot make the folder {shown(folder)}: {reason}; give another output folder."
-        ) from None
+        raise UserError(f"cannot make the folder {shown(folder)}: {reason}; give another output folder.") from None
 
 
 def _foreign(folder: Path) -> list[str]:
@@ -112,9 +109,7 @@ def _refuse_unrelated(folder: Path) -> None:
         others = [] if (folder / RUN_FILE).exists() else _foreign(folder)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
-        raise UserError(
-            f"cannot read the folder {shown(folder)}: {reason}; give another output folder."
-        ) from None
+        raise UserError(f"cannot read the folder {shown(folder)}: {reason}; give another output folder.") from None
     if others:
         raise UserError(
             f"{shown(folder)} holds other files ({shown(others[0])}{', …' if len(others) > 1 else ''}) "
@@ -137,8 +132,7 @@ def _locked(folder: Path) -> Iterator[None]:
                 holder = os.pread(descriptor, 200, 0).decode(errors="replace").strip()
                 by = f" (by {shown(holder)})" if holder else ""
                 raise UserError(
-                    f"{shown(folder)} is in use by another run{by}; "
-                    "wait for it, stop it, or give another folder."
+                    f"{shown(folder)} is in use by another run{by}; wait for it, stop it, or give another folder."
                 ) from None
             raise UserError(
                 f"the file system of {shown(folder)} cannot lock files, so two runs could spoil each other; "
@@ -175,9 +169,7 @@ def _read_record(folder: Path) -> dict[str, Any] | None:
         return None
     record = read_json(folder / RUN_FILE, MAX_BYTES)
     kinds = {"schema_version": int, "command": str, "settings": dict, "finished": bool}
-    if not isinstance(record, dict) or any(
-        type(record.get(name)) is not kind for name, kind in kinds.items()
-    ):
+    if not isinstance(record, dict) or any(type(record.get(name)) is not kind for name, kind in kinds.items()):
         raise UserError(f"{shown(folder / RUN_FILE)} is damaged; give a new output folder.")
     return record
 

@@ -10,7 +10,6 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import pytest
 from hypothesis import example, given, settings
@@ -52,9 +51,7 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path):
     path = tmp_path / "a.json"
     write_text(path, "old")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(
-        resource.RLIMIT_FSIZE, (4096, hard)
-    )  # the kernel then refuses the write as if it were full
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))  # the kernel then refuses the write as if it were full
     try:
         with pytest.raises(UserError) as caught:
             write_bytes(path, b"x" * 10_000)
@@ -109,9 +106,18 @@ def test_places_where_nothing_can_be_written(tmp_path):
     assert stat.S_ISCHR(os.stat("/dev/null").st_mode) and stat.S_ISFIFO(pipe.stat().st_mode)
 
 
-def test_a_folder_without_write_permission(tmp_path, nobody):
-    with nobody, pytest.raises(UserError, match="permission denied") as caught:
-        write_text(tmp_path / "a", "new")
+def test_a_folder_without_write_permission(tmp_path):
+    tmp_path.chmod(0o555)
+    root = os.geteuid() == 0
+    if root:  # work without root's powers
+        os.seteuid(65534)
+    try:
+        with pytest.raises(UserError, match="permission denied") as caught:
+            write_text(tmp_path / "a", "new")
+    finally:
+        if root:
+            os.seteuid(0)
+        tmp_path.chmod(0o755)
     assert one_sentence(caught.value)
 
 
@@ -180,10 +186,7 @@ def test_any_json_value_survives(value):
     assert parse_json(json.dumps(value).encode(), "file.json") == value
 
 
-@given(
-    st.binary(max_size=400)
-    | st.text(alphabet='[]{}",:0123456789eE+-.NaInfity\\ud8 ', max_size=80).map(str.encode)
-)
+@given(st.binary(max_size=400) | st.text(alphabet='[]{}",:0123456789eE+-.NaInfity\\ud8 ', max_size=80).map(str.encode))
 @example(b"[-]")
 @settings(max_examples=500)
 def test_any_bytes_are_a_finite_value_or_one_sentence(data):
@@ -244,24 +247,3 @@ def test_a_reader_never_sees_half_a_file(tmp_path):
     finally:
         stop.set()
         writer.join()
-
-
-@pytest.fixture
-def nobody(tmp_path: Path):
-    """Work without root's powers in a folder that belongs to somebody else."""
-
-    class Nobody:
-        def __enter__(self):
-            tmp_path.chmod(0o555)
-            if os.geteuid() == 0:
-                os.seteuid(65534)
-                self.root = True
-            else:
-                self.root = False
-
-        def __exit__(self, *_):
-            if self.root:
-                os.seteuid(0)
-            tmp_path.chmod(0o755)
-
-    return Nobody()
