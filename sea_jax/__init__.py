@@ -29,9 +29,7 @@ from sea_jax.types import (
     Signals,
 )
 
-DRIVES: Mapping[str, Callable] = MappingProxyType(
-    {"full": full_drive, "cheap": cheap_drive, "ideal": ideal_drive}
-)
+DRIVES: Mapping[str, Callable] = MappingProxyType({"full": full_drive, "cheap": cheap_drive, "ideal": ideal_drive})
 
 __all__ = [
     "DRIVES",

@@ -39,7 +39,7 @@ def cheap_drive(
 
     def velocity_period(carry, time):
         state, tally = carry
-        link = link_at(start.motion, time + 0.5 * period)
+        link = link_at(start.motion, time)
         signals = idle._replace(
             motor_position=state.motor_position,
             motor_velocity=state.motor_velocity,
@@ -48,21 +48,15 @@ def cheap_drive(
             joint_velocity=link.velocity,
         )
         bus, memory = apply_hooks(hooks, "supply_voltage", params.bus_voltage, signals, state.memory)
-        wanted, integral = velocity_loop(
-            params, start.commanded, state.motor_velocity, state.velocity_integral, period
-        )
+        wanted, integral = velocity_loop(params, start.commanded, state.motor_velocity, state.velocity_integral, period)
         back_emf = params.back_emf_constant * params.gear_ratio * state.motor_velocity
-        current = jnp.clip(
-            wanted, (-bus - back_emf) / params.resistance, (bus - back_emf) / params.resistance
-        )
+        current = jnp.clip(wanted, (-bus - back_emf) / params.resistance, (bus - back_emf) / params.resistance)
         voltage = params.resistance * current + back_emf
         motor = motor_step(params, hooks, signals, current, coulomb, memory)
-        state = DriveState(
-            motor.position, motor.velocity, current, integral, state.current_integral, motor.memory
-        )
+        state = DriveState(motor.position, motor.velocity, current, integral, state.current_integral, motor.memory)
         tally = Tally(
             tally.torque + motor.spring_torque,
-            tally.damping + motor.damping + motor.stiffness * (time + 0.5 * period),
+            tally.damping + motor.damping + motor.stiffness * time,
             jnp.maximum(tally.peak_current, jnp.abs(current)),
             jnp.maximum(tally.peak_voltage, jnp.abs(voltage)),
         )

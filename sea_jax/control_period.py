@@ -42,9 +42,7 @@ def link_at(motion: JointMotion, time: Array) -> Link:
     return Link(motion.position + time * (motion.velocity + 0.5 * turned), motion.velocity + turned)
 
 
-def initial_state(
-    params: DriveParams, joint_position: Array, torque: Array, memory: dict | None = None
-) -> DriveState:
+def initial_state(params: DriveParams, joint_position: Array, torque: Array, memory: dict | None = None) -> DriveState:
     """At rest with the spring carrying `torque`; current and integrators are those that hold it. All (J,).
 
     `memory` holds the start of the hooks' memories: {hook point: (one entry a hook, ...)}.
@@ -95,9 +93,9 @@ def finish_period(
     tally: NamedTuple,
     count: int,
 ) -> tuple[DriveState, DriveOutput]:
-    """Means over the `count` steps, and the torque at the end, half a step after the last one's middle."""
+    """Means over the `count` steps; the torque at the end is what the next step would put on the link."""
     end = link_at(start.motion, jnp.float32(periods.control))
-    signals = no_signals(state.current, 0.5 * period)._replace(
+    signals = no_signals(state.current, period)._replace(
         motor_position=state.motor_position,
         motor_velocity=state.motor_velocity,
         current=state.current,

@@ -49,7 +49,7 @@ def full_drive(
 
     def current_period(carry, time):
         state, tally, wanted_current = carry
-        link: Link = link_at(start.motion, time + 0.5 * period)
+        link: Link = link_at(start.motion, time)
         signals = idle._replace(
             motor_position=state.motor_position,
             motor_velocity=state.motor_velocity,
@@ -58,17 +58,13 @@ def full_drive(
             joint_velocity=link.velocity,
         )
         bus, memory = apply_hooks(hooks, "supply_voltage", params.bus_voltage, signals, state.memory)
-        voltage, integral = current_loop(
-            params, wanted_current, state.current, state.current_integral, bus, period
-        )
-        current, mean_current = electronics(coil, voltage, state.motor_velocity, state.current)
-        motor = motor_step(params, hooks, signals, mean_current, coulomb, memory)
-        state = DriveState(
-            motor.position, motor.velocity, current, state.velocity_integral, integral, motor.memory
-        )
+        voltage, integral = current_loop(params, wanted_current, state.current, state.current_integral, bus, period)
+        current = electronics(coil, voltage, state.motor_velocity, state.current)
+        motor = motor_step(params, hooks, signals, current, coulomb, memory)
+        state = DriveState(motor.position, motor.velocity, current, state.velocity_integral, integral, motor.memory)
         tally = Tally(
             tally.torque + motor.spring_torque,
-            tally.damping + motor.damping + motor.stiffness * (time + 0.5 * period),
+            tally.damping + motor.damping + motor.stiffness * time,
             jnp.maximum(tally.peak_current, jnp.abs(current)),
             jnp.maximum(tally.peak_voltage, jnp.abs(voltage)),
         )

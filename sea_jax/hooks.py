@@ -24,9 +24,7 @@ def apply_hooks(
         return value, memory
     before = memory.get(point, (None,) * len(chain))
     if len(before) != len(chain):
-        raise ValueError(
-            f"{len(chain)} hooks at '{point}' need as many memories, the state has {len(before)}"
-        )
+        raise ValueError(f"{len(chain)} hooks at '{point}' need as many memories, the state has {len(before)}")
     after = []
     for hook, old in zip(chain, before, strict=True):
         value, new = hook(value, signals, old)
@@ -34,9 +32,7 @@ def apply_hooks(
     if point in memory:
         return value, memory | {point: tuple(after)}
     if any(new is not None for new in after):
-        raise ValueError(
-            f"a hook at '{point}' returned a memory that the state does not carry: give it its start"
-        )
+        raise ValueError(f"a hook at '{point}' returned a memory that the state does not carry: give it its start")
     return value, memory
 
 

@@ -17,8 +17,7 @@ LEAST_TORQUE = 1e-3
 def wanted_velocity(params: DriveParams, command: JointCommand, measurement: JointMeasurement) -> Array:
     """Gear velocity that the joint controllers ask for before limits, (J,) rad/s."""
     torque_mode = (
-        params.torque_gain * (command.torque - measurement.torque)
-        + params.velocity_feedforward * measurement.velocity
+        params.torque_gain * (command.torque - measurement.torque) + params.velocity_feedforward * measurement.velocity
     )
     position_mode = (
         params.position_a * (command.position - measurement.motor_position)

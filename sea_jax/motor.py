@@ -1,7 +1,7 @@
-"""Motor mechanics (paper IV.4): Theta dw/dt = K I - tau_f - tau / N, one step of drift, kick, drift.
+"""Motor mechanics (paper IV.4): Theta dw/dt = K I - tau_f - tau / N, by a semi-implicit Euler step.
 
-Position moves half a step, velocity takes all torques at mid-step (friction last, implicitly), position moves
-the other half: second order and, without friction and damping, free of numerical energy.
+Velocity takes the torques at the start of the step and friction implicitly, position takes the new velocity. The
+link gets the same spring torque over the same step, so that action and reaction balance.
 """
 
 from typing import NamedTuple
@@ -18,8 +18,8 @@ class MotorStep(NamedTuple):
 
     position: Array  # gear output, rad
     velocity: Array  # gear output, rad/s
-    spring_torque: Array  # on the link at mid-step, N m
-    stiffness: Array  # of the spring at mid-step, N m/rad
+    spring_torque: Array  # on the link during the step, N m
+    stiffness: Array  # of the spring during the step, N m/rad
     damping: Array  # N m s/rad
     memory: dict
 
@@ -38,26 +38,17 @@ def spring_on_link(
 
 
 def motor_step(
-    params: DriveParams,
-    hooks: DriveHooks,
-    signals: Signals,
-    mean_current: Array,
-    coulomb: Array,
-    memory: dict,
+    params: DriveParams, hooks: DriveHooks, signals: Signals, current: Array, coulomb: Array, memory: dict
 ) -> MotorStep:
-    """One step of signals.period; signals hold the motor at its start and the link at its middle."""
-    velocity, period = signals.motor_velocity, signals.period
-    signals = signals._replace(
-        motor_position=signals.motor_position + 0.5 * period * velocity, current=mean_current
-    )
-    spring, signals, memory = spring_on_link(params, hooks, signals, memory)
-    motor, memory = apply_hooks(hooks, "motor_torque", params.torque_constant * mean_current, signals, memory)
-    friction: Friction = gear_friction(params, coulomb, velocity)
+    """One step of signals.period; signals hold motor and link at its start, `current` (A) acts during it."""
+    spring, signals, memory = spring_on_link(params, hooks, signals._replace(current=current), memory)
+    motor, memory = apply_hooks(hooks, "motor_torque", params.torque_constant * current, signals, memory)
+    friction: Friction = gear_friction(params, coulomb, signals.motor_velocity)
     friction, memory = apply_hooks(hooks, "friction", friction, signals, memory)
 
-    per_torque = period / (params.motor_inertia * params.gear_ratio)
-    free = velocity + per_torque * (motor - friction.smooth - spring / params.gear_ratio)
-    velocity = stick_or_slip(free, per_torque * friction.coulomb)
+    per_torque = signals.period / (params.motor_inertia * params.gear_ratio)
+    drive = motor - friction.smooth - spring / params.gear_ratio
+    velocity = stick_or_slip(signals.motor_velocity + per_torque * drive, per_torque * friction.coulomb)
     stiffness, damping = spring_coefficients(params, signals.deflection)
-    position = signals.motor_position + 0.5 * period * velocity
+    position = signals.motor_position + signals.period * velocity
     return MotorStep(position, velocity, spring, stiffness, damping, memory)

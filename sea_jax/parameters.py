@@ -105,9 +105,7 @@ def periods_from_numbers(numbers: Mapping) -> LoopPeriods:
 
 def with_torque_limits(params: DriveParams, low: Array, high: Array) -> DriveParams:
     """The ideal drive clips its torque to low..high, (J,) N m; the real drives ignore this."""
-    return params._replace(
-        torque_min=jnp.asarray(low, jnp.float32), torque_max=jnp.asarray(high, jnp.float32)
-    )
+    return params._replace(torque_min=jnp.asarray(low, jnp.float32), torque_max=jnp.asarray(high, jnp.float32))
 
 
 def select_joints(params: DriveParams, indices: Sequence[int]) -> DriveParams:
@@ -143,9 +141,7 @@ def _params_from_numbers(numbers: Mapping) -> DriveParams:
         bearing_friction=everywhere(drive["bearing_friction_per_radial_load"]),
         spring_stiffness=by_joint(drive["spring_stiffness"]),
         spring_damping=by_joint(drive["spring_damping"]),
-        spring_side=jnp.asarray(
-            [_knee_side(leg, joint, drive) for leg in legs for joint in joints], jnp.float32
-        ),
+        spring_side=jnp.asarray([_knee_side(leg, joint, drive) for leg in legs for joint in joints], jnp.float32),
         stop_stiffness=everywhere(drive["knee_stop_stiffness"]),
         stop_damping=everywhere(drive["knee_stop_damping"]),
         velocity_kp=everywhere(velocity["kp"]),
@@ -177,6 +173,4 @@ def _knee_side(leg: str, joint: str, drive: Mapping) -> float:
 
 def _whole_ratio(outer: str, long: float, inner: str, short: float) -> None:
     if abs(long / short - round(long / short)) > 1e-6:
-        raise ValueError(
-            f"the {outer} period {long} s must hold a whole number of {inner} periods of {short} s"
-        )
+        raise ValueError(f"the {outer} period {long} s must hold a whole number of {inner} periods of {short} s")

@@ -51,9 +51,7 @@ class DriveOutput(NamedTuple):
     """What one control period produced."""
 
     torque: Array  # mean spring torque on the link over the period, N m
-    damping: (
-        Array  # -d torque / d joint velocity over the period, N m s/rad, >= 0: lets the bodies be implicit
-    )
+    damping: Array  # -d torque / d joint velocity over the period, N m s/rad, >= 0: lets the bodies be implicit
     end_torque: Array  # spring torque at the end of the period, N m: what the torque sensor reads next
     wanted_velocity: Array  # before limits, gear output side, rad/s
     commanded_velocity: Array  # after speed and power limits, rad/s
