@@ -1,0 +1,126 @@
+"""Which leg supports and which swings, from the plan and from contact (V.B.1), and the reflexes to surprises.
+
+All as arrays over the legs. Rules (FACTS 3.4): a leg supports if it is planned to stand, touches and does not
+slip. A touching leg in swing is late to lift off (early in the swing: it swings on), early to touch down (late
+in the swing: it supports at once), or has hit an obstacle (between: it is raised). A leg that should stand but
+does not touch, or slips, is lowered along the ground's normal until it finds ground.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from controller_jax.gait import LegPhases
+from controller_jax.types import Array
+
+
+class CoordinationParams(NamedTuple):
+    """Thresholds and reflexes."""
+
+    late_lift_off: Array  # () swing phase up to which contact means a late lift-off
+    early_touch_down: Array  # () swing phase from which contact means an early touch-down
+    tolerance: Array  # () phase by which touch-down and lift-off may differ from the plan without an event
+    slip_distance: Array  # () m, and
+    slip_speed: Array  # () m/s, both exceeded by a foot that slips
+    lowering: Array  # () m below the present foot, to regain contact
+    raising: Array  # () m above the present foot, and added to the swing, after hitting an obstacle
+
+
+class LegMemory(NamedTuple):
+    """What the coordinator carries from tick to tick."""
+
+    foothold_W: Array  # (4, 3) last point in contact, where the next swing starts, m
+    touch_down_W: Array  # (4, 3) where the present stance began, m
+    touched: Array  # (4,) 1.0 once the foot has touched in this stance
+    lift_off_phase: Array  # (4,) swing phase at which the foot really left the ground
+    obstacle: Array  # (4,) 1.0 once the foot has hit something in this swing
+
+
+class LegEvents(NamedTuple):
+    """1.0 where something departs from the plan; every field (4,)."""
+
+    early_touch_down: Array
+    late_touch_down: Array
+    early_lift_off: Array
+    late_lift_off: Array
+    slip: Array
+    lost_contact: Array
+    obstacle: Array
+
+
+class LegRoles(NamedTuple):
+    """What each leg has to do; every field (4,)."""
+
+    support: Array  # 1.0 force-controlled, 0.0 position-controlled
+    swing_progress: Array  # 0..1 from the real lift-off to the planned touch-down
+    reflex: Array  # m along the ground's normal from the present foot: < 0 lower, > 0 raise, 0 follow the swing
+    clearance: Array  # m on top of the apex of the swing
+
+
+def standing(soles_W: Array) -> LegMemory:
+    """Memory of four legs that stand on soles_W (4, 3)."""
+    zero = jnp.zeros(4, soles_W.dtype)
+    return LegMemory(soles_W, soles_W, zero + 1.0, zero, zero)
+
+
+def coordinate(
+    params: CoordinationParams,
+    memory: LegMemory,
+    phases: LegPhases,
+    contact: Array,
+    soles_W: Array,
+    speed: Array,
+) -> tuple[LegMemory, LegRoles, LegEvents]:
+    """One tick. contact (4,) 0 or 1, soles_W (4, 3) m, speed (4,) of the feet in m/s."""
+    stand, touch = phases.stance > 0.0, contact > 0.0
+    swing, air = ~stand, ~touch
+    touched = memory.touched > 0.0
+
+    late_swing = phases.swing_phase > params.early_touch_down
+    early_touch_down = swing & touch & late_swing
+    late_lift_off = swing & touch & (phases.swing_phase <= params.late_lift_off)
+    obstacle = swing & touch & ~early_touch_down & ~late_lift_off
+    ending = phases.stance_phase > 1.0 - params.tolerance
+    early_lift_off = stand & air & touched & ending
+    lost_contact = stand & air & touched & ~ending
+    late_touch_down = stand & air & ~touched & (phases.stance_phase > params.tolerance)
+
+    lands = touch & (stand | early_touch_down)
+    new_stance = lands & ~touched
+    touch_down_W = jnp.where(new_stance[:, None], soles_W, memory.touch_down_W)
+    way = soles_W - touch_down_W
+    far = (way * way).sum(-1) > params.slip_distance**2
+    slip = stand & touch & far & (speed > params.slip_speed)
+
+    seek = (stand & air & ~early_lift_off) | slip
+    hit = swing & ((memory.obstacle > 0.0) | obstacle)
+    grounded = lands | late_lift_off
+    lift_off_phase = jnp.where(late_lift_off, phases.swing_phase, memory.lift_off_phase)
+    lift_off_phase = jnp.where(stand, 0.0, lift_off_phase)
+
+    def flag(x):
+        return x.astype(soles_W.dtype)
+
+    memory = LegMemory(
+        foothold_W=jnp.where(grounded[:, None], soles_W, memory.foothold_W),
+        touch_down_W=touch_down_W,
+        touched=flag((stand | late_swing) & (touched | lands)),
+        lift_off_phase=lift_off_phase,
+        obstacle=flag(hit),
+    )
+    roles = LegRoles(
+        support=flag((stand & touch & ~slip) | early_touch_down),
+        swing_progress=(phases.swing_phase - lift_off_phase) / (1.0 - lift_off_phase),
+        reflex=params.raising * flag(obstacle) - params.lowering * flag(seek),
+        clearance=params.raising * flag(hit),
+    )
+    events = LegEvents(
+        flag(early_touch_down),
+        flag(late_touch_down),
+        flag(early_lift_off),
+        flag(late_lift_off & (phases.swing_phase > params.tolerance)),
+        flag(slip),
+        flag(lost_contact),
+        flag(obstacle),
+    )
+    return memory, roles, events
