@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from sea_jax.cheap_drive import cheap_drive
-from sea_jax.control_period import initial_state
 from sea_jax.friction import Friction
 from sea_jax.full_drive import full_drive
 from sea_jax.ideal_drive import ideal_drive
+from sea_jax.initial_state import initial_state
 from sea_jax.parameters import (
     DriveParams,
     LoopPeriods,

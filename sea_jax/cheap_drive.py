@@ -7,20 +7,12 @@ five times fewer steps.
 import jax
 import jax.numpy as jnp
 
-from sea_jax.control_period import begin_period, finish_period, link_at
+from sea_jax.control_period import Tally, begin_period, finish_period, signals_at
 from sea_jax.friction import coulomb_level
-from sea_jax.full_drive import Tally
-from sea_jax.hooks import apply_hooks, no_signals
+from sea_jax.hooks import apply_hooks
 from sea_jax.motor import motor_step
 from sea_jax.parameters import DriveParams, LoopPeriods
-from sea_jax.types import (
-    DriveHooks,
-    DriveOutput,
-    DriveState,
-    JointCommand,
-    JointMeasurement,
-    JointMotion,
-)
+from sea_jax.types import DriveHooks, DriveOutput, DriveState, JointCommand, JointMeasurement, JointMotion
 from sea_jax.velocity_loop import velocity_loop
 
 
@@ -35,34 +27,22 @@ def cheap_drive(
     period = periods.velocity
     start = begin_period(params, state, inputs, hooks, periods)
     coulomb = coulomb_level(params, start.motion.radial_load)
-    idle = no_signals(state.current, period)
 
     def velocity_period(carry, time):
         state, tally = carry
-        link = link_at(start.motion, time)
-        signals = idle._replace(
-            motor_position=state.motor_position,
-            motor_velocity=state.motor_velocity,
-            current=state.current,
-            joint_position=link.position,
-            joint_velocity=link.velocity,
-        )
+        signals = signals_at(state, start.motion, time, period)
         bus, memory = apply_hooks(hooks, "supply_voltage", params.bus_voltage, signals, state.memory)
-        wanted, integral = velocity_loop(params, start.commanded, state.motor_velocity, state.velocity_integral, period)
+        wanted_current, integral = velocity_loop(
+            params, start.commanded, state.motor_velocity, state.velocity_integral, period
+        )
         back_emf = params.back_emf_constant * params.gear_ratio * state.motor_velocity
-        current = jnp.clip(wanted, (-bus - back_emf) / params.resistance, (bus - back_emf) / params.resistance)
+        conductance = 1.0 / params.resistance
+        current = jnp.clip(wanted_current, (-bus - back_emf) * conductance, (bus - back_emf) * conductance)
         voltage = params.resistance * current + back_emf
         motor = motor_step(params, hooks, signals, current, coulomb, memory)
-        state = DriveState(motor.position, motor.velocity, current, integral, state.current_integral, motor.memory)
-        tally = Tally(
-            tally.torque + motor.spring_torque,
-            tally.damping + motor.damping + motor.stiffness * time,
-            jnp.maximum(tally.peak_current, jnp.abs(current)),
-            jnp.maximum(tally.peak_voltage, jnp.abs(voltage)),
-        )
-        return (state, tally), None
+        state = DriveState(motor.position, motor.velocity, current, integral, params.resistance * current, motor.memory)
+        return (state, tally.add(motor.spring_torque, current, voltage)), None
 
-    zero = jnp.zeros_like(state.current)
     times = jnp.arange(periods.velocity_steps, dtype=jnp.float32) * period
-    (state, tally), _ = jax.lax.scan(velocity_period, (start.state, Tally(zero, zero, zero, zero)), times)
-    return finish_period(params, state, start, hooks, periods, period, tally, periods.velocity_steps)
+    (state, tally), _ = jax.lax.scan(velocity_period, (start.state, Tally.empty(state.current)), times)
+    return finish_period(params, state, start, hooks, periods, period, tally)

@@ -1,4 +1,4 @@
-"""What all drives with a spring share at the start and the end of a control period."""
+"""What all drives with a spring share over a control period: its start, the link's motion, its sums, its end."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ from sea_jax.hooks import apply_hooks, no_signals
 from sea_jax.joint_controllers import limited_velocity, wanted_velocity
 from sea_jax.motor import spring_on_link
 from sea_jax.parameters import DriveParams, LoopPeriods
-from sea_jax.spring import deflection_at
+from sea_jax.spring import spring_coefficients
 from sea_jax.types import (
     Array,
     DriveHooks,
@@ -17,46 +17,47 @@ from sea_jax.types import (
     JointCommand,
     JointMeasurement,
     JointMotion,
+    Signals,
 )
 
 
 class PeriodStart(NamedTuple):
-    """A control period about to run."""
+    """A control period about to run, (J,)."""
 
     state: DriveState
     motion: JointMotion
-    wanted: Array  # rad/s, before limits
-    commanded: Array  # rad/s, after limits
+    wanted: Array  # gear velocity before limits, rad/s
+    commanded: Array  # after limits, rad/s
 
 
-class Link(NamedTuple):
-    """The link at one instant, (J,)."""
+class Tally(NamedTuple):
+    """What is gathered over the steps of a period, (J,)."""
 
-    position: Array  # rad
-    velocity: Array  # rad/s
+    torque: Array  # sum of the spring's torque on the link, N m
+    peak_current: Array  # A
+    peak_voltage: Array  # V
+
+    @classmethod
+    def empty(cls, like: Array) -> "Tally":
+        return cls(*(jnp.zeros_like(like),) * 3)
+
+    def add(self, torque: Array, current: Array, voltage: Array) -> "Tally":
+        return Tally(
+            self.torque + torque,
+            jnp.maximum(self.peak_current, jnp.abs(current)),
+            jnp.maximum(self.peak_voltage, jnp.abs(voltage)),
+        )
 
 
-def link_at(motion: JointMotion, time: Array) -> Link:
-    """The link `time` seconds into the period, with constant acceleration."""
+def signals_at(state: DriveState, motion: JointMotion, time: Array | float, period: float) -> Signals:
+    """Motor as in `state`, link extrapolated `time` seconds into the period with constant acceleration."""
     turned = motion.acceleration * time
-    return Link(motion.position + time * (motion.velocity + 0.5 * turned), motion.velocity + turned)
-
-
-def initial_state(params: DriveParams, joint_position: Array, torque: Array, memory: dict | None = None) -> DriveState:
-    """At rest with the spring carrying `torque`; current and integrators are those that hold it. All (J,).
-
-    `memory` holds the start of the hooks' memories: {hook point: (one entry a hook, ...)}.
-    """
-    current = jnp.clip(
-        torque / (params.gear_ratio * params.torque_constant), -params.current_limit, params.current_limit
-    )
-    return DriveState(
-        motor_position=joint_position + deflection_at(params, torque),
-        motor_velocity=jnp.zeros_like(joint_position),
-        current=current,
-        velocity_integral=current,
-        current_integral=params.resistance * current,
-        memory={} if memory is None else dict(memory),
+    return no_signals(state.current, period)._replace(
+        motor_position=state.motor_position,
+        motor_velocity=state.motor_velocity,
+        current=state.current,
+        joint_position=motion.position + time * (motion.velocity + 0.5 * turned),
+        joint_velocity=motion.velocity + turned,
     )
 
 
@@ -69,13 +70,7 @@ def begin_period(
 ) -> PeriodStart:
     """Hooks of command and measurement, joint controllers and their limits."""
     command, measurement, motion = inputs
-    signals = no_signals(motion.position, periods.control)._replace(
-        motor_position=state.motor_position,
-        motor_velocity=state.motor_velocity,
-        current=state.current,
-        joint_position=motion.position,
-        joint_velocity=motion.velocity,
-    )
+    signals = signals_at(state, motion, 0.0, periods.control)
     command, memory = apply_hooks(hooks, "command", command, signals, state.memory)
     measurement, memory = apply_hooks(hooks, "measurement", measurement, signals, memory)
     wanted = wanted_velocity(params, command, measurement)
@@ -89,23 +84,23 @@ def finish_period(
     start: PeriodStart,
     hooks: DriveHooks,
     periods: LoopPeriods,
-    period: float,
-    tally: NamedTuple,
-    count: int,
+    step: float,
+    tally: Tally,
 ) -> tuple[DriveState, DriveOutput]:
-    """Means over the `count` steps; the torque at the end is what the next step would put on the link."""
-    end = link_at(start.motion, jnp.float32(periods.control))
-    signals = no_signals(state.current, period)._replace(
-        motor_position=state.motor_position,
-        motor_velocity=state.motor_velocity,
-        current=state.current,
-        joint_position=end.position,
-        joint_velocity=end.velocity,
-    )
-    end_torque, _, _ = spring_on_link(params, hooks, signals, state.memory)
+    """Output of a period whose motor moved in steps of `step` seconds.
+
+    The torque at the end is what the next step would put on the link. More joint velocity over the period lowers
+    the torque by the spring's damping at once and by its stiffness in the mean after half the period; the
+    spring's coefficients are those of the two ends of the period.
+    """
+    signals = signals_at(state, start.motion, periods.control, step)
+    end_torque, signals, _ = spring_on_link(params, hooks, signals, state.memory)
+    before = spring_coefficients(params, start.state.motor_position - start.motion.position)
+    after = spring_coefficients(params, signals.deflection)
+    stiffness, damping = (0.5 * (first + last) for first, last in zip(before, after, strict=True))
     return state, DriveOutput(
-        torque=tally.torque / count,
-        damping=tally.damping / count,
+        torque=tally.torque * (step / periods.control),
+        damping=damping + stiffness * (0.5 * periods.control),
         end_torque=end_torque,
         wanted_velocity=start.wanted,
         commanded_velocity=start.commanded,

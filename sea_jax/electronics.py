@@ -19,21 +19,21 @@ from sea_jax.types import Array
 class Winding(NamedTuple):
     """The step response of the winding over one period, computed once."""
 
-    conductance: Array  # 1/Ohm
-    back_emf: Array  # V s/rad, per gear velocity
     decay: Array  # what is left of a current after one period
+    gain: Array  # A/V: current that a held voltage brings in one period
+    back_emf: Array  # V s/rad, per gear velocity
 
 
 def winding(params: DriveParams, period: float) -> Winding:
     """The winding's constants for a voltage held over `period` seconds."""
+    exponent = params.resistance * period / params.inductance
     return Winding(
-        conductance=1.0 / params.resistance,
+        decay=jnp.exp(-exponent),
+        gain=-jnp.expm1(-exponent) / params.resistance,
         back_emf=params.back_emf_constant * params.gear_ratio,
-        decay=jnp.exp(-params.resistance * period / params.inductance),
     )
 
 
 def electronics(coil: Winding, voltage: Array, velocity: Array, current: Array) -> Array:
     """Current at the end of the period, A; velocity at the gear output, rad/s."""
-    steady = (voltage - coil.back_emf * velocity) * coil.conductance
-    return steady + coil.decay * (current - steady)
+    return coil.decay * current + coil.gain * (voltage - coil.back_emf * velocity)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from sea_jax.friction import Friction, gear_friction, stick_or_slip
 from sea_jax.hooks import apply_hooks
 from sea_jax.parameters import DriveParams
-from sea_jax.spring import spring_coefficients, spring_torque
+from sea_jax.spring import spring_torque
 from sea_jax.types import Array, DriveHooks, Signals
 
 
@@ -19,8 +19,6 @@ class MotorStep(NamedTuple):
     position: Array  # gear output, rad
     velocity: Array  # gear output, rad/s
     spring_torque: Array  # on the link during the step, N m
-    stiffness: Array  # of the spring during the step, N m/rad
-    damping: Array  # N m s/rad
     memory: dict
 
 
@@ -49,6 +47,5 @@ def motor_step(
     per_torque = signals.period / (params.motor_inertia * params.gear_ratio)
     drive = motor - friction.smooth - spring / params.gear_ratio
     velocity = stick_or_slip(signals.motor_velocity + per_torque * drive, per_torque * friction.coulomb)
-    stiffness, damping = spring_coefficients(params, signals.deflection)
     position = signals.motor_position + signals.period * velocity
-    return MotorStep(position, velocity, spring, stiffness, damping, memory)
+    return MotorStep(position, velocity, spring, memory)
