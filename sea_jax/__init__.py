@@ -11,6 +11,7 @@ from sea_jax.friction import Friction
 from sea_jax.full_drive import full_drive
 from sea_jax.ideal_drive import ideal_drive
 from sea_jax.initial_state import initial_state
+from sea_jax.link_motion import link_motion, smoothed_link_motion
 from sea_jax.parameters import (
     DriveParams,
     LoopPeriods,
@@ -19,6 +20,7 @@ from sea_jax.parameters import (
     select_joints,
     with_torque_limits,
 )
+from sea_jax.replay import ReplayRows, Trajectory, measured_start, replay, settled_start
 from sea_jax.types import (
     DriveHooks,
     DriveOutput,
@@ -42,13 +44,20 @@ __all__ = [
     "JointMeasurement",
     "JointMotion",
     "LoopPeriods",
+    "ReplayRows",
     "Signals",
+    "Trajectory",
     "cheap_drive",
     "full_drive",
     "ideal_drive",
     "initial_state",
+    "link_motion",
+    "measured_start",
     "params_from_numbers",
     "periods_from_numbers",
+    "replay",
     "select_joints",
+    "settled_start",
+    "smoothed_link_motion",
     "with_torque_limits",
 ]
