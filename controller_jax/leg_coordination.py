@@ -30,7 +30,7 @@ class LegMemory(NamedTuple):
     """What the coordinator carries from tick to tick."""
 
     foothold_W: Array  # (4, 3) last point in contact, where the next swing starts, m
-    touch_down_W: Array  # (4, 3) where the present stance began, m
+    slip_W: Array  # (4, 3) way slipped since the present stance began, m
     touched: Array  # (4,) 1.0 once the foot has touched in this stance
     lift_off_phase: Array  # (4,) swing phase at which the foot really left the ground
     obstacle: Array  # (4,) 1.0 once the foot has hit something in this swing
@@ -60,7 +60,7 @@ class LegRoles(NamedTuple):
 def standing(soles_W: Array) -> LegMemory:
     """Memory of four legs that stand on soles_W (4, 3)."""
     zero = jnp.zeros(4, soles_W.dtype)
-    return LegMemory(soles_W, soles_W, zero + 1.0, zero, zero)
+    return LegMemory(soles_W, jnp.zeros_like(soles_W), zero + 1.0, zero, zero)
 
 
 def coordinate(
@@ -69,9 +69,10 @@ def coordinate(
     phases: LegPhases,
     contact: Array,
     soles_W: Array,
-    speed: Array,
+    slip_velocity_W: Array,
+    period: Array,
 ) -> tuple[LegMemory, LegRoles, LegEvents]:
-    """One tick. contact (4,) 0 or 1, soles_W (4, 3) m, speed (4,) of the feet in m/s."""
+    """One control period (s). contact (4,) 0 or 1; soles_W (4, 3) m; slip_velocity_W (4, 3) of the soles, m/s."""
     stand, touch = phases.stance > 0.0, contact > 0.0
     swing, air = ~stand, ~touch
     touched = memory.touched > 0.0
@@ -86,11 +87,10 @@ def coordinate(
     late_touch_down = stand & air & ~touched & (phases.stance_phase > params.tolerance)
 
     lands = touch & (stand | early_touch_down)
-    new_stance = lands & ~touched
-    touch_down_W = jnp.where(new_stance[:, None], soles_W, memory.touch_down_W)
-    way = soles_W - touch_down_W
-    far = (way * way).sum(-1) > params.slip_distance**2
-    slip = stand & touch & far & (speed > params.slip_speed)
+    slip_W = jnp.where((lands & touched)[:, None], memory.slip_W + period * slip_velocity_W, 0.0)
+    far = (slip_W * slip_W).sum(-1) > params.slip_distance**2
+    fast = (slip_velocity_W * slip_velocity_W).sum(-1) > params.slip_speed**2
+    slip = stand & touch & far & fast
 
     seek = (stand & air & ~early_lift_off) | slip
     hit = swing & ((memory.obstacle > 0.0) | obstacle)
@@ -103,7 +103,7 @@ def coordinate(
 
     memory = LegMemory(
         foothold_W=jnp.where(grounded[:, None], soles_W, memory.foothold_W),
-        touch_down_W=touch_down_W,
+        slip_W=slip_W,
         touched=flag((stand | late_swing) & (touched | lands)),
         lift_off_phase=lift_off_phase,
         obstacle=flag(hit),

@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from controller_jax import state_estimator as ekf
 
 PERIOD, TICKS, RUNS = 2.5e-3, 1200, 64
+SLIP_FROM = 400  # ticks
 GRAVITY = np.array([0.0, 0.0, -9.81])
 PARAMS = ekf.EstimatorParams(
     gyro=0.01,
@@ -41,7 +42,7 @@ def torso_motion(rng):
 
 
 def simulate(seed, slip=False):
-    """Truth and readings of one run; the feet of two pairs stand by turns, all at rest while they stand."""
+    """Truth and readings of one run; the feet of two pairs stand by turns, at rest but for LF if it slips."""
     rng = np.random.default_rng(seed)
     R, r = torso_motion(rng)
     v = np.gradient(r, PERIOD, axis=0)
@@ -64,7 +65,7 @@ def simulate(seed, slip=False):
     r_BS = np.einsum("tij,tfj->tfi", to_B, foot - r[:, None])
     v_W = np.zeros((TICKS, 4, 3))
     if slip:
-        v_W[:, 0] = [0.6, 0.0, 0.0]
+        v_W[SLIP_FROM:, 0] = [0.6, 0.0, 0.0]
     v_BS = np.einsum("tij,tfj->tfi", to_B, v_W - v[:, None]) - np.cross(omega[:, None], r_BS)
     v_BS += 0.05 * normal((TICKS, 4, 3))
     truth = R.as_matrix(), v, bias_g, bias_a
@@ -131,13 +132,12 @@ def test_feet_make_velocity_and_tilt_known(consistent_runs):
 
 def test_standing_feet_pass_and_a_slipping_foot_is_rejected(consistent_runs):
     _, info, _ = consistent_runs
-    contact = np.stack([simulate(seed)[1][2] for seed in range(4)])
-    rejected = 1.0 - info.used[:4].sum() / contact.sum()
+    rejected = 1.0 - info.used.mean() / 0.5  # two of four feet stand at any time
     assert 0.0003 < rejected < 0.003, rejected  # 0.001 by the threshold
     simulations = [simulate(seed, slip=True) for seed in range(8)]
     _, slipping = run_filter(simulations)
     contact = np.stack([s[1][2] for s in simulations])
-    settled = slice(200, None)
+    settled = slice(SLIP_FROM, None)
     used = slipping.used[:, settled].sum((0, 1)) / contact[:, settled].sum((0, 1))
     assert used[0] < 0.01 and used[1:].min() > 0.99, used
 
