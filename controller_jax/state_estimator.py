@@ -9,18 +9,18 @@ DOI 10.1177/0278364919894385), which keeps the filter consistent in yaw:
     theta' = -R d_g,     rho' = g x theta - R d_a - v x (R d_g)
     innovation of a standing foot: -(v^ + R^ w^) = rho + R [r]x d_g,     w = omega x r + J qd
 
-Every foot is one 3 x 3 update, in turn; a foot whose innovation is improbable slips and is left out.
+A foot whose innovation is improbable slips and is left out. The others, equally trusted, split into two 3 x 3
+updates: their mean sees velocity, their differences see the gyro bias. Both together equal a joint update.
 """
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from controller_jax.foot_contact import soles
 from controller_jax.leg_kinematics import leg_kinematics
-from controller_jax.rotations import cross, mm, mv, skew
+from controller_jax.rotations import cross, mm, mtv, mv, skew
 from controller_jax.types import Array, LegGeometry, RobotState
 
 TINY = 1e-12  # rad^2, angle squared below which a turn is no turn
@@ -62,7 +62,7 @@ class EstimatorState(NamedTuple):
 class EstimatorInfo(NamedTuple):
     """How well the standing feet agree with the estimate."""
 
-    distance: Array  # (4,) squared Mahalanobis distance of each foot's innovation
+    distance: Array  # (4,) squared Mahalanobis distance of each foot's velocity from the prediction
     used: Array  # (4,) 1.0 where the foot corrected the estimate
 
 
@@ -133,26 +133,36 @@ def _process_noise(params: EstimatorParams, v: Array, period: Array) -> Array:
 def correct(
     params: EstimatorParams, state: EstimatorState, reading: SensorReading, r_BS_B: Array, v_BS_B: Array
 ) -> tuple[EstimatorState, EstimatorInfo]:
-    """Updates with the velocities of the feet in contact; r, v (4, 3) of the soles seen from the torso, in B."""
+    """Update with the velocities of the feet in contact; r, v (4, 3) of the soles seen from the torso, in B."""
     omega = jnp.broadcast_to(reading.gyro_B - state.gyro_bias, (4, 3))
-    innovation = -(state.v_WB[None] + mv(state.R_WB[None], cross(omega, r_BS_B) + v_BS_B))
-    by_gyro_bias = mm(jnp.broadcast_to(state.R_WB, (4, 3, 3)), skew(r_BS_B))  # H = [0, I, R [r]x, 0]
-    noise = params.foot_velocity**2 * jnp.eye(3, dtype=innovation.dtype)
+    seen_B = cross(omega, r_BS_B) + v_BS_B
+    innovation = -(state.v_WB[None] + mv(state.R_WB[None], seen_B))
+    P, variance = state.covariance, params.foot_velocity**2
+    one = jnp.eye(3, dtype=P.dtype)
 
-    def foot(carry, measurement):
-        error, P = carry
-        y, B, contact = measurement
-        PH = P[:, 3:6] + mm(P[:, 6:9], B.T)  # (12, 3)
-        S_inverse = inverse3(PH[3:6] + mm(B, PH[6:9]) + noise)
-        y = y - error[3:6] - mv(B, error[6:9])
-        distance = (y * mv(S_inverse, y)).sum()
-        used = jnp.where(distance < params.outlier, contact, 0.0)
-        gain = used * mm(PH, S_inverse)
-        return (error + mv(gain, y), P - mm(gain, PH.T)), (distance, used)
+    # the gyro bias's part in the innovation, under 1 cm/s, is left out of the gate
+    distance = (innovation * mv(inverse3(P[3:6, 3:6] + variance * one)[None], innovation)).sum(-1)
+    used = jnp.where(distance < params.outlier, reading.contact, 0.0)
+    count = used.sum()
+    share = used / jnp.maximum(count, 1.0)
 
-    start = jnp.zeros(12, innovation.dtype), state.covariance
-    measured = innovation, by_gyro_bias, reading.contact
-    (error, P), (distance, used) = jax.lax.scan(foot, start, measured, unroll=4)
+    # the feet's mean: rho + R [r]x d_g
+    r_mean = (share[:, None] * r_BS_B).sum(0)
+    y, B = (share[:, None] * innovation).sum(0), mm(state.R_WB, skew(r_mean))
+    PH = P[:, 3:6] + mm(P[:, 6:9], B.T)  # (12, 3)
+    weight = jnp.minimum(count, 1.0) * inverse3(PH[3:6] + mm(B, PH[6:9]) + (variance / jnp.maximum(count, 1.0)) * one)
+    gain = mm(PH, weight)
+    error, P = mv(gain, y), P - mm(gain, PH.T)
+
+    # their differences: R [r - r_mean]x d_g, in information form because one or two feet leave it singular
+    arm = r_BS_B - r_mean[None]
+    used_arm = used[:, None] * arm
+    information = (used_arm * arm).sum() * one - (used_arm[:, :, None] * arm[:, None, :]).sum(0)
+    moment = -cross(used_arm, mtv(state.R_WB[None], innovation)).sum(0) - mv(information, error[6:9])
+    Pg = P[:, 6:9]
+    gain = mm(Pg, inverse3(variance * one + mm(information, Pg[6:9])))
+    error, P = error + mv(gain, moment), P - mm(gain, mm(information, Pg.T))
+
     turn = rotation_exp(error[:3])
     state = EstimatorState(
         r_WB=state.r_WB,
