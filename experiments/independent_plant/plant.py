@@ -1,0 +1,267 @@
+"""The whole robot measured: drives, bodies and sensors of a batch of logs, stepped side by side at 10 kHz.
+
+Every 2.5 ms a row is measured, the controller turns it into a command, and the joint controllers act on the
+same row; the row is what the log keeps. Logs of a batch share the experiment and its length, nothing else.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from experiments.independent_plant import leg_geometry
+from experiments.independent_plant.bodies import Bodies, BodyChanges, model_text, slope_quaternion
+from experiments.independent_plant.drive import (
+    CONTROL_STEPS,
+    STEP,
+    Command,
+    Drive,
+    JointController,
+    Measured,
+)
+from experiments.independent_plant.hooks import Family, hooked
+from experiments.independent_plant.library import Effect, families_of
+from experiments.independent_plant.numbers import (
+    UNCERTAIN,
+    Array,
+    BodyNumbers,
+    nominal_drive,
+    numbers_file,
+    per_kind,
+)
+from experiments.independent_plant.sensors import Sensors, SensorSettings
+
+LOAD_STEPS = 10  # the bearings' radial load is taken anew every 1 ms
+ACCELEROMETER_STEPS = 5  # and the accelerometer averages over 0.5 ms
+DRAG_SPEED = 0.02  # rad/s over which the bearings' small friction turns its sign
+Controller = Callable[[int, dict[str, Array]], Command]
+
+
+@dataclass(frozen=True)
+class LogSetup:
+    """What makes one log of a batch: its hidden effects, its own numbers, how it is measured."""
+
+    seed: int
+    effects: tuple[Effect, ...] = ()
+    off: dict[str, tuple[float, float, float]] = field(default_factory=dict)  # number -> factor per joint kind
+    bodies: BodyNumbers = field(default_factory=BodyNumbers)
+    sensors: SensorSettings = field(default_factory=SensorSettings)
+    velocity_phase: int = 0  # steps of 0.1 ms by which the velocity loop runs later than the rows
+    end_stops: bool = True
+
+
+@dataclass
+class Start:
+    """At rest at the beginning: (B, 12) rad and N m, (B, 3) m, (B, 4)."""
+
+    joint_position: Array
+    spring_torque: Array
+    torso_position: Array
+    torso_orientation: Array
+
+
+@dataclass
+class Recording:
+    """Measured rows and commands (B, T, n), and what only the judge may see."""
+
+    signals: dict[str, Array]
+    command: Command
+    true: dict[str, Array]  # signals before the sensors
+    strength: list[list[float]]  # per log and effect; NaN where it is no joint torque
+    fallen: Array  # (B,) bool
+
+
+def standing(setups: Sequence[LogSetup], height: float) -> Start:
+    """On four feet below the hips, on the ground as it is under each log."""
+    batch = len(setups)
+    angles = leg_geometry.stance_angles(np.full(batch, height))
+    families = families_of([s.effects for s in setups], [np.random.default_rng(0) for _ in setups])
+    attitude = np.array([slope_quaternion(change) for change in _changes(setups, families)])
+    up = leg_geometry.rotation(attitude)[:, :, 2]
+    _, jacobian = leg_geometry.feet(angles)
+    share = np.array([0.0, 0.0, leg_geometry.TOTAL_MASS * leg_geometry.GRAVITY / 4.0])
+    torque = -np.einsum("blij,i->blj", jacobian, share).reshape(batch, 12)
+    return Start(angles, torque, height * up, attitude)
+
+
+def hanging(angles: Array) -> Start:
+    """Clamped torso, springs unloaded, at joint angles (B, 12)."""
+    batch = len(angles)
+    return Start(angles, np.zeros((batch, 12)), np.zeros((batch, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (batch, 1)))
+
+
+def _changes(setups: Sequence[LogSetup], families: list[Family]) -> list[BodyChanges]:
+    changes = [BodyChanges(end_stops=setup.end_stops) for setup in setups]
+    for family in hooked(families, "change_bodies"):
+        for log, change in enumerate(changes):
+            family.change_bodies(log, change)
+    return changes
+
+
+class Plant:
+    """A batch of robots, ready to be stepped tick by tick."""
+
+    def __init__(self, experiment: str, setups: Sequence[LogSetup], start: Start, rows: int) -> None:
+        if experiment not in ("fixed_base", "ground"):
+            raise ValueError(f"experiment is fixed_base or ground, not {experiment!r}")
+        self.free = experiment == "ground"
+        self.setups = setups
+        rngs = [np.random.default_rng([setup.seed, 1]) for setup in setups]
+        self.families = families_of([s.effects for s in setups], rngs)
+        changes = _changes(setups, self.families)
+        self.bodies = Bodies([model_text(experiment, s.bodies, c) for s, c in zip(setups, changes)])
+        self.bodies.place(start.joint_position, start.torso_position, start.torso_orientation)
+        numbers = nominal_drive(len(setups))
+        for name in UNCERTAIN:
+            factors = np.array(
+                [per_kind(dict(zip(("HAA", "HFE", "KFE"), s.off.get(name, (1.0,) * 3)))) for s in setups]
+            )
+            setattr(numbers, name, getattr(numbers, name) * factors)
+        self.drive = Drive(numbers, self.families, np.array([[s.velocity_phase] for s in setups]))
+        self.drive.start(start.joint_position, start.spring_torque)
+        self.controller = JointController()
+        self.contact_force = numbers_file()["contact"]["contact_flag_force"]
+        self.bearing_load = np.zeros_like(self.drive.current)
+        self._torso_speed = np.zeros((len(setups), 3))
+        self.before = self.now = self._signals()
+        sensor_rngs = [np.random.default_rng([setup.seed, 2]) for setup in setups]
+        names = [name for name in self.now if name != "foot_contact"]
+        self.sensors = Sensors([s.sensors for s in setups], sensor_rngs, rows, names)
+        self.k = 0
+        self.power = {family.name: np.zeros((len(setups), 12)) for family in self.families}
+        self.command_power = np.zeros((len(setups), 12))
+        self.fallen = np.zeros(len(setups), dtype=bool)
+
+    def _signals(self) -> dict[str, Array]:
+        """What perfect sensors would read."""
+        signals = {
+            "joint_position": self.bodies.position,
+            "joint_velocity": self.bodies.velocity,
+            "motor_position": self.drive.motor_position,
+            "motor_velocity": self.drive.motor_velocity,
+            "joint_torque": self.drive.spring(
+                self.drive.motor_position - self.bodies.position,
+                self.drive.motor_velocity - self.bodies.velocity,
+            ),
+            "motor_current": self.drive.current,
+        }
+        if self.free:
+            position, orientation = self.bodies.torso_pose()
+            velocity, omega = self.bodies.torso_velocity()
+            apart = ACCELEROMETER_STEPS * STEP
+            felt = (velocity - self._torso_speed) / apart + np.array([0.0, 0.0, leg_geometry.GRAVITY])
+            R = leg_geometry.rotation(orientation)
+            signals |= {
+                "base_position": position,
+                "base_orientation": orientation,
+                "base_linear_velocity": velocity,
+                "base_angular_velocity": omega,
+                "base_acceleration": np.einsum("bji,bj->bi", R, felt),
+            }
+        return signals
+
+    def measure(self) -> dict[str, Array]:
+        """The row of this tick."""
+        now, before = dict(self.now), dict(self.before)
+        for family in hooked(self.families, "measure"):
+            now, before = family.measure(self.drive.time, now), family.measure(self.drive.time - STEP, before)
+        row = self.sensors.row(self.k, now, before, STEP)
+        if self.free:
+            row["foot_contact"] = (self.bodies.foot_force() >= self.contact_force).astype(float)
+        return row
+
+    def tick(self, row: dict[str, Array], command: Command) -> None:
+        """2.5 ms under a command, the joint controllers acting on the measured row."""
+        drive, bodies, time = self.drive, self.bodies, self.drive.time
+        self._account(command)
+        for family in hooked(self.families, "command"):
+            command = family.command(time, command)
+        seen = Measured(row["joint_position"], row["joint_velocity"], row["joint_torque"], row["motor_position"])
+        drive.wanted_velocity = self.controller(command, seen)
+        for family in hooked(self.families, "torso_force"):
+            bodies.push(family.torso_force(time))
+        link_families, memories = hooked(self.families, "link_torque"), hooked(self.families, "remember")
+        for i in range(CONTROL_STEPS):
+            if i % LOAD_STEPS == 0:
+                self.bearing_load = drive.numbers.bearing_radius * bodies.radial_load()
+            torque = drive.step(bodies.position, bodies.velocity)
+            torque = torque - self.bearing_load * np.tanh(bodies.velocity / DRAG_SPEED)
+            for family in link_families:
+                torque = torque + family.link_torque(drive.time, bodies.position, bodies.velocity)
+            if i == CONTROL_STEPS - ACCELEROMETER_STEPS and self.free:
+                self._torso_speed = bodies.torso_velocity()[0]
+            bodies.step(torque)
+            if i == CONTROL_STEPS - 2:
+                self.before = self._signals()
+            if memories and i % 5 == 4:
+                for family in memories:
+                    family.remember(drive.time, self._signals())
+        self.now = self._signals()
+        self.fallen |= bodies.fallen()
+        self.k += 1
+
+    def _account(self, command: Command) -> None:
+        """Sum up squared torques: of every effect, and of what is commanded."""
+        for family in hooked(self.families, "observe"):
+            family.observe(self.bodies)
+        for family in self.families:
+            if family.torque is not None:
+                self.power[family.name] += np.square(family.torque)
+        motor = self.drive.gear * self.drive.numbers.torque_constant * self.drive.wanted_current
+        self.command_power += np.square(np.where(np.isnan(command.position), command.torque, motor))
+
+    def strength(self) -> list[list[float]]:
+        """RMS torque of each effect over the RMS commanded torque of the joints where it acts."""
+        found = []
+        for log, setup in enumerate(self.setups):
+            found.append([])
+            for effect in setup.effects:
+                family = next(f for f in self.families if f.name == effect.effect)
+                joints = family.active[log] > 0.0
+                whole = self.command_power[log, joints].sum()
+                ratio = np.sqrt(self.power[family.name][log, joints].sum() / whole) if whole > 0.0 else np.nan
+                found[-1].append(float(ratio) if family.torque is not None else float("nan"))
+        return found
+
+
+def simulate(
+    experiment: str,
+    setups: Sequence[LogSetup],
+    controller: Controller,
+    start: Start,
+    duration: float,
+    settle: float = 0.0,
+) -> Recording:
+    """Run a batch for `duration` s after `settle` s under the controller's first command.
+
+    `controller(k, row)` sees the measured row k, (B, n) arrays, and returns the Command held until the next.
+    """
+    ticks, early = round(duration / (CONTROL_STEPS * STEP)), round(settle / (CONTROL_STEPS * STEP))
+    plant = Plant(experiment, setups, start, ticks + early)
+    rows: list[dict[str, Array]] = []
+    commands: list[Command] = []
+    true: list[dict[str, Array]] = []
+    for k in range(-early, ticks):
+        if k == 0:
+            plant.power = {name: 0.0 * power for name, power in plant.power.items()}
+            plant.command_power *= 0.0
+        row = plant.measure()
+        command = controller(max(k, 0), row)
+        if k >= 0:
+            rows.append(row)
+            commands.append(command)
+            true.append(plant.now)
+        plant.tick(row, command)
+    return Recording(
+        {name: np.stack([row[name] for row in rows], axis=1) for name in rows[0]},
+        Command(
+            np.stack([command.torque for command in commands], axis=1),
+            np.stack([command.position for command in commands], axis=1),
+        ),
+        {name: np.stack([row[name] for row in true], axis=1) for name in true[0]},
+        plant.strength(),
+        plant.fallen,
+    )
+
+
+__all__ = ["Family", "LogSetup", "Plant", "Recording", "Start", "hanging", "simulate", "standing"]
