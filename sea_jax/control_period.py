@@ -90,8 +90,8 @@ def finish_period(
     """Output of a period whose motor moved in steps of `step` seconds.
 
     The torque at the end is what the next step would put on the link. More joint velocity over the period lowers
-    the torque by the spring's damping at once and by its stiffness in the mean after half the period; the
-    spring's coefficients are those of the two ends of the period.
+    the torque by the spring's damping at once and by its stiffness in the mean after half the period (the steps
+    look at their start); the spring's coefficients are those of the two ends of the period.
     """
     signals = signals_at(state, start.motion, periods.control, step)
     end_torque, signals, _ = spring_on_link(params, hooks, signals, state.memory)
@@ -100,7 +100,7 @@ def finish_period(
     stiffness, damping = (0.5 * (first + last) for first, last in zip(before, after, strict=True))
     return state, DriveOutput(
         torque=tally.torque * (step / periods.control),
-        damping=damping + stiffness * (0.5 * periods.control),
+        damping=damping + stiffness * (0.5 * (periods.control - step)),
         end_torque=end_torque,
         wanted_velocity=start.wanted,
         commanded_velocity=start.commanded,
