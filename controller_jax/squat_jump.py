@@ -1,0 +1,295 @@
+"""Squat jump (V.C.2): crouch, launch, flight, landing, standing; 13 numbers are searched, the rest is fixed.
+
+Crouch and launch: the torso follows a height over the ground by virtual model and force distribution. Flight, from
+when the last foot has left the ground: the feet follow a height under the hips by inverse kinematics. Landing, from
+the first touch: each leg carries from its own first touch on, the torso is slowed down along one quintic to the
+standing height and stays there. Heights of the torso count from the soles of the feet that stand.
+"""
+
+from typing import Final, NamedTuple
+
+import jax.numpy as jnp
+
+from controller_jax.force_distribution import (
+    DistributionSettings,
+    DistributionState,
+    ITERATIONS,
+    Iterations,
+    SupportLegs,
+    distribute_forces,
+    init_distribution,
+)
+from controller_jax.joint_torques import joint_torques, weight_torque
+from controller_jax.leg_kinematics import inverse_kinematics, leg_kinematics
+from controller_jax.periodic_splines import Curve, quintic
+from controller_jax.rotations import control_frame, mm, mv
+from controller_jax.splines import quintic_spline
+from controller_jax.torso_motion import TorsoTarget
+from controller_jax.types import Array, JointTargets, LegGeometry, RobotState
+from controller_jax.virtual_model import Gains, IntegralLimits, Integrals, init_integrals, virtual_model
+
+CROUCH: Final = 0.0
+LAUNCH: Final = 1.0
+FLIGHT: Final = 2.0
+LANDING: Final = 3.0
+
+RISING: Final = 0.2  # m/s upwards: feet without load below this are no take-off
+OVERTIME: Final = 0.1  # s after the launch window for a take-off; later the robot just stands up
+
+
+class SquatJumpParams(NamedTuple):
+    """The 13 numbers of V.C.2."""
+
+    height_knots: Array  # (8,) torso above ground, evenly over the launch, m
+    foot_knots: Array  # (3,) foot below its hip, evenly over the flight, m
+    initial_height: Array  # () torso above ground in the crouch, m
+    vertical_damping: Array  # () of the virtual model in the launch, N s/m
+
+
+class SquatJumpSettings(NamedTuple):
+    """What is not searched."""
+
+    geometry: LegGeometry
+    launch_gains: Gains  # the vertical damping comes from the parameters
+    landing_gains: Gains
+    integral_limits: IntegralLimits
+    distribution: DistributionSettings
+    crouch_time: Array  # () s
+    launch_time: Array  # () s, length of the height spline
+    landing_height: Array  # () torso above ground when standing again, m
+    landing_time: Array  # () s from touch-down to there
+    control_period: Array  # () s
+
+
+class SquatJumpState(NamedTuple):
+    """What the scan carries."""
+
+    phase: Array  # () CROUCH, LAUNCH, FLIGHT or LANDING
+    phase_start: Array  # () s
+    landed: Array  # (4,) 1.0 from a leg's first touch after the flight on
+    ground: Array  # () height of the ground under the feet, world, m
+    entry: Array  # (2,) height above ground, m, and its rate, m/s, when the phase began
+    integrals: Integrals
+    distribution: DistributionState
+
+
+class SquatJumpInfo(NamedTuple):
+    """What cost and report look at."""
+
+    phase: Array  # ()
+    height: Array  # () torso above ground, m
+    desired_height: Array  # () m
+    support: Array  # (4,) 1.0 for a force-controlled leg
+    desired_wrench: Array  # (6,) eq. 5, control frame, N and N m; zero in flight
+    tracking_error: Array  # (6,) A lambda - b, zero in flight
+    force: Array  # (4, 3) desired contact forces lambda, control frame, N
+    cone_use: Array  # (4,) |tangential| / (mu normal) of lambda, 0 for legs in the air
+    foot_below_hip: Array  # () planned in flight, m
+    step_left: Array  # () residuals of the distribution
+    pull_left: Array  # ()
+
+
+def default_settings(geometry: LegGeometry, control_period: float = 2.5e-3) -> SquatJumpSettings:
+    """Settings from FACTS 3.1, 3.2 and 3.5; landing gains tuned in simulation for a landing without rebound."""
+
+    def vector(*values: float) -> Array:
+        return jnp.asarray(values, jnp.float32)
+
+    def gains(vertical_p: float, vertical_i: float, vertical_d: float) -> Gains:
+        return Gains(
+            force_p=vector(500.0, 640.0, vertical_p),
+            force_i=vector(250.0, 320.0, vertical_i),
+            force_d=vector(150.0, 100.0, vertical_d),
+            torque_p=vector(400.0, 200.0, 0.0),
+            torque_i=vector(200.0, 100.0, 0.0),
+            torque_d=vector(6.0, 9.0, 50.0),
+            mass=geometry.torso_mass,
+        )
+
+    return SquatJumpSettings(
+        geometry=geometry,
+        launch_gains=gains(600.0, 600.0, 120.0),
+        landing_gains=gains(600.0, 300.0, 120.0),
+        integral_limits=IntegralLimits(jnp.float32(30.0), jnp.float32(10.0)),
+        distribution=DistributionSettings(
+            wrench_weight=vector(1.0, 1.0, 1.0, 20.0, 20.0, 5.0),
+            regularizer=jnp.float32(1e-5),
+            friction=jnp.float32(0.7),
+            minimal_normal=jnp.float32(2.0),
+            torque_limits=geometry.torque_limits,
+        ),
+        crouch_time=jnp.float32(0.3),
+        launch_time=jnp.float32(0.4),
+        landing_height=jnp.float32(0.42),
+        landing_time=jnp.float32(0.5),
+        control_period=jnp.float32(control_period),
+    )
+
+
+def initial_pose(settings: SquatJumpSettings, params: SquatJumpParams) -> tuple[Array, Array]:
+    """Joint positions (12,) of the crouch, feet under the hips, and the joint torques (12,) that carry it."""
+    geometry = settings.geometry
+    q = inverse_kinematics(geometry, _under_hips(geometry, params.initial_height - geometry.foot_radius))
+    legs = leg_kinematics(geometry, q)
+    total = geometry.torso_mass + 4.0 * geometry.link_mass.sum()
+    quarter = jnp.stack([jnp.zeros(()), jnp.zeros(()), 0.25 * total * geometry.gravity])
+    force = jnp.broadcast_to(quarter, (4, 3))
+    return q, joint_torques(force, legs.J_BF_B, weight_torque(geometry, legs, jnp.eye(3)))
+
+
+def init(settings: SquatJumpSettings, params: SquatJumpParams) -> SquatJumpState:
+    """Controller state at the start of the crouch."""
+    zero = jnp.zeros(())
+    entry = jnp.stack([params.initial_height, zero])
+    return SquatJumpState(zero + CROUCH, zero, jnp.ones(4), zero, entry, init_integrals(), init_distribution())
+
+
+def step(
+    settings: SquatJumpSettings,
+    params: SquatJumpParams,
+    state: SquatJumpState,
+    robot: RobotState,
+    time: Array,
+    iterations: Iterations = ITERATIONS,
+) -> tuple[SquatJumpState, JointTargets, SquatJumpInfo]:
+    """One control period at `time` (s) since the start of the crouch."""
+    geometry = settings.geometry
+    legs = leg_kinematics(geometry, robot.q)
+    feet_W = robot.r_WB[None] + mv(robot.R_WB[None], legs.r_BF_B)
+    state = _advance(settings, params, state, robot, feet_W, time)
+    elapsed = time - state.phase_start
+    flying = state.phase == FLIGHT
+    support = state.landed * (1.0 - flying)
+
+    height = _desired_height(settings, params, state, elapsed)
+    target = _torso_target(state, robot, feet_W, support, height)
+    R_WC = control_frame(robot.R_WB, jnp.array([0.0, 0.0, 1.0]))
+    gains = _gains(settings, params, state)
+    settled = (state.phase == CROUCH) | (state.phase == LANDING)
+    learning = settings.control_period * settled
+    integrals, wrench = virtual_model(
+        gains, settings.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, learning
+    )
+    R_CB = mm(R_WC.T, robot.R_WB)
+    weight = weight_torque(geometry, legs, robot.R_WB)
+    support_legs = SupportLegs(mv(R_CB[None], legs.r_BF_B), mm(R_CB[None], legs.J_BF_B), weight, support)
+    distribution, forces = distribute_forces(
+        settings.distribution, state.distribution, support_legs, wrench, iterations
+    )
+    torque = joint_torques(forces.force, support_legs.J_BF_C, weight)
+    limits = geometry.torque_limits
+
+    foot_below_hip = _foot_below_hip(settings, params, state, elapsed)
+    targets = JointTargets(
+        torque=jnp.clip(torque, limits[:, 0], limits[:, 1]),
+        position=inverse_kinematics(geometry, _under_hips(geometry, foot_below_hip)),
+        position_mode=jnp.repeat(1.0 - support, 3),
+    )
+    grounded = 1.0 - flying
+    normal = settings.distribution.friction * jnp.maximum(forces.force[:, 2], 1e-3)
+    tangential = jnp.sqrt(forces.force[:, 0] ** 2 + forces.force[:, 1] ** 2 + 1e-12)
+    info = SquatJumpInfo(
+        phase=state.phase,
+        height=robot.r_WB[2] - state.ground,
+        desired_height=height.value,
+        support=support,
+        desired_wrench=wrench * grounded,
+        tracking_error=(forces.wrench - wrench) * grounded,
+        force=forces.force,
+        cone_use=support * tangential / normal,
+        foot_below_hip=foot_below_hip,
+        step_left=forces.step_left,
+        pull_left=forces.pull_left,
+    )
+    return state._replace(integrals=integrals, distribution=distribution), targets, info
+
+
+def _advance(
+    settings: SquatJumpSettings,
+    params: SquatJumpParams,
+    state: SquatJumpState,
+    robot: RobotState,
+    feet_W: Array,
+    time: Array,
+) -> SquatJumpState:
+    """Change of phase, contact and height of the ground."""
+    phase, elapsed = state.phase, time - state.phase_start
+    touching = robot.contact.max() > 0.0
+    rate = robot.v_WB[2]
+    launch = (phase == CROUCH) & (time >= settings.crouch_time)
+    leave = (phase == LAUNCH) & ~touching & (rate > RISING)
+    touch = (phase == FLIGHT) & touching & (rate < 0.0)
+    stay = (phase == LAUNCH) & (elapsed > settings.launch_time + OVERTIME) & ~leave
+    changed = launch | leave | touch | stay
+    phase = jnp.where(launch, LAUNCH, jnp.where(leave, FLIGHT, jnp.where(touch | stay, LANDING, phase)))
+
+    landed = jnp.where(leave, 0.0, jnp.where(phase == LANDING, jnp.maximum(state.landed, robot.contact), state.landed))
+    standing = landed.sum()
+    soles = (landed * feet_W[:, 2]).sum() / jnp.maximum(standing, 1.0) - settings.geometry.foot_radius
+    ground = jnp.where(standing > 0.0, soles, state.ground)
+    entry = jnp.stack([robot.r_WB[2] - ground, rate])
+    return state._replace(
+        phase=phase,
+        phase_start=jnp.where(changed, time, state.phase_start),
+        landed=landed,
+        ground=ground,
+        entry=jnp.where(changed, entry, state.entry),
+    )
+
+
+def _desired_height(
+    settings: SquatJumpSettings, params: SquatJumpParams, state: SquatJumpState, elapsed: Array
+) -> Curve:
+    """Torso above ground with rate and acceleration, by phase."""
+    launch = quintic_spline(params.height_knots, settings.launch_time, elapsed, "rest", "free")
+    zero = jnp.zeros(())
+    start = Curve(state.entry[0], state.entry[1], zero)
+    end = Curve(settings.landing_height, zero, zero)
+    landing = quintic(start, end, settings.landing_time, jnp.minimum(elapsed, settings.landing_time))
+    crouch = Curve(params.initial_height, zero, zero)
+
+    def choose(crouch: Array, launch: Array, landing: Array) -> Array:
+        return jnp.where(state.phase == CROUCH, crouch, jnp.where(state.phase == LAUNCH, launch, landing))
+
+    return Curve(*(choose(*parts) for parts in zip(crouch, launch, landing, strict=True)))
+
+
+def _torso_target(
+    state: SquatJumpState, robot: RobotState, feet_W: Array, support: Array, height: Curve
+) -> TorsoTarget:
+    """Level, over the middle of the standing feet, at a height over the ground; the heading is left as it is."""
+    middle = (support[:, None] * feet_W[:, :2]).sum(0) / jnp.maximum(support.sum(), 1.0)
+    up = jnp.array([0.0, 0.0, 1.0])
+    return TorsoTarget(
+        r_WB=jnp.concatenate([middle, (state.ground + height.value)[None]]),
+        v_WB=height.slope * up,
+        a_WB=height.curvature * up,
+        R_WB=control_frame(robot.R_WB, up),
+        omega_W=jnp.zeros(3),
+    )
+
+
+def _gains(settings: SquatJumpSettings, params: SquatJumpParams, state: SquatJumpState) -> Gains:
+    """Landing gains from touch-down on; in the launch the searched vertical damping."""
+    before, after = settings.launch_gains, settings.landing_gains
+    damping = before.force_d.at[2].set(jnp.where(state.phase == LAUNCH, params.vertical_damping, before.force_d[2]))
+    before = before._replace(force_d=damping)
+    return Gains(*(jnp.where(state.phase == LANDING, b, a) for a, b in zip(before, after, strict=True)))
+
+
+def _foot_below_hip(
+    settings: SquatJumpSettings, params: SquatJumpParams, state: SquatJumpState, elapsed: Array
+) -> Array:
+    """Foot below its hip in flight: the spline spans the flight expected from take-off height and speed, m."""
+    g = settings.geometry.gravity
+    height, rate = state.entry[0], jnp.maximum(state.entry[1], 0.0)
+    fall = jnp.maximum(height - params.foot_knots[2] - settings.geometry.foot_radius, 0.0)
+    duration = (rate + jnp.sqrt(rate * rate + 2.0 * g * fall + 1e-6)) / g
+    flight = quintic_spline(params.foot_knots, duration, elapsed, "rest", "rest").value
+    return jnp.where(state.phase == FLIGHT, flight, params.foot_knots[2])
+
+
+def _under_hips(geometry: LegGeometry, below: Array) -> Array:
+    """Feet (4, 3) straight under the hips, torso frame."""
+    down = jnp.stack([jnp.zeros(()), jnp.zeros(()), -below])
+    return geometry.r_BH_B + down[None]
