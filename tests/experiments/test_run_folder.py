@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -101,7 +102,7 @@ def test_of_many_that_start_at_once_one_gets_the_folder(tmp_path):
     try:
         # the losers leave at once, the winner holds on until its input ends
         while sum(racer.poll() is None for racer in racers) > 1:
-            pass
+            time.sleep(0.02)
         (winner,) = [racer for racer in racers if racer.poll() is None]
         outputs = [racer.communicate(timeout=60) for racer in racers if racer is not winner]
         assert all(out == b"" and b"is in use by another run" in err for out, err in outputs)

@@ -1,0 +1,273 @@
+"""The report of `tune squat_jump`: the jump, the drive, the ground, the search, and how to repeat it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from experiments.parameter_file import ParameterFile
+from experiments.reports import jump_figures
+from experiments.reports.figures import bars
+from experiments.reports.page import (
+    Block,
+    Card,
+    Cards,
+    Code,
+    Columns,
+    Figure,
+    Range,
+    Section,
+    Table,
+    Text,
+    minus,
+    number,
+    percent,
+    write_report,
+)
+from experiments.reports.playback import Playback, Track
+from experiments.reports.recording import SATURATIONS, History, JumpRecord, Sensitivity, saturations
+from mjx_starleth.names import JOINTS
+from mjx_starleth.numbers import RobotNumbers
+
+PAPER_APEX = 0.76  # m, 150 % of the leg's length (paper VI.B)
+SNAPSHOTS = 8
+AFTER_LANDING = 0.35  # s of landing and standing that the strip of pictures shows
+
+# metric: (label, factor to the unit shown, unit shown, format)
+HEADLINES = {
+    "apex_height": ("Apex of the torso", 1.0, "m", ".2f"),
+    "landed": ("Landed", 1.0, "", ""),
+    "rebound_time": ("Rebound", 1e3, "ms", ".0f"),
+    "slip_distance": ("Foot slip", 1e3, "mm", ".1f"),
+    "cost": ("Cost", 1.0, "", ".2f"),
+}
+
+
+def write_jump_report(
+    path: Path | str,
+    file: ParameterFile,
+    numbers: RobotNumbers,
+    record: JumpRecord,
+    *,
+    ideal: JumpRecord | None = None,
+    history: History | None = None,
+    sensitivities: Sequence[Sensitivity] = (),
+) -> None:
+    """Write the report of one tuned jump as one HTML file, atomically.
+
+    file: the parameter file just written; record: its jump on the drive it was tuned with; ideal: the same
+    parameters on the ideal drive, same samples; sensitivities: change of the apex height [m]. Raises UserError.
+    """
+    sections = [
+        Section("Result", [_cards(file, record, ideal), Text(_summary(file, numbers, record, ideal), "lead")]),
+        Section("The motion", _motion(numbers, record, ideal)),
+        Section("The drive", _drive(numbers, record)),
+        Section("The ground", _ground(numbers, record)),
+        Section("The search", _search(file, history, sensitivities)),
+        Section("How to repeat it", _provenance(file)),
+    ]
+    facts = [
+        file.robot,
+        f"{file.drive} drive",
+        " × ".join(str(file.search[name]) for name in ("generations", "population") if name in file.search)
+        + " candidates",
+        f"seed {file.seed}",
+        f"model {file.model_hash[:12]}",
+        file.created[:10],
+    ]
+    write_report(path, "Squat jump", " · ".join(facts), sections)
+
+
+def leg_length(numbers: RobotNumbers) -> float:
+    """HAA axis to foot centre of a stretched leg, m."""
+    bodies = numbers.bodies
+    return bodies.hip.length + bodies.thigh.length + bodies.foot.centre_from_knee
+
+
+def _cards(file: ParameterFile, record: JumpRecord, ideal: JumpRecord | None) -> Cards:
+    trials = f"over {file.perturbed.trials} perturbed trials" if file.perturbed else ""
+    cards = []
+    for name, (label, factor, unit, form) in HEADLINES.items():
+        metric = file.metrics.get(name)
+        if metric is None:
+            continue
+        spread = metric.spread
+        if isinstance(metric.value, bool):
+            note = f"{percent(spread.mean)} {trials}" if spread else ""
+            tone = "good" if metric.value else "bad"
+            cards.append(Card(label, "yes" if metric.value else "no", note=note, tone=tone))
+        else:
+            note = f"{factor * spread.mean:{form}} ± {factor * spread.std:{form}} {trials}" if spread else ""
+            cards.append(Card(label, minus(f"{factor * metric.value:{form}}"), unit, minus(note)))
+    if ideal is not None:
+        note = f"{ideal.apex - record.apex:+.2f} m with the same parameters"
+        cards.append(Card("On the ideal drive", f"{ideal.apex:.2f}", "m", minus(note)))
+    if file.robustness_gate is not None:
+        gate = file.robustness_gate
+        low, high = gate.ci95
+        note = f"95 %: {percent(low, 1)} to {percent(high, 1)}; required: {percent(gate.required, 1)}"
+        tone = "good" if gate.passed else "bad"
+        cards.append(Card("Robustness gate", percent(gate.success_rate, 1), note=note, tone=tone))
+    return Cards(cards)
+
+
+def _summary(file: ParameterFile, numbers: RobotNumbers, record: JumpRecord, ideal: JumpRecord | None) -> str:
+    share = record.apex / leg_length(numbers)
+    text = (
+        f"The torso rises to {record.apex:.2f} m, {percent(share)} of the leg’s length"
+        f" (the robot of the paper: {PAPER_APEX:.2f} m)."
+    )
+    rebound, landed = file.metrics.get("rebound_time"), file.metrics.get("landed")
+    if landed is not None and landed.value:
+        text += " It lands on its feet"
+        if rebound is not None:
+            text += (
+                " without a second take-off"
+                if rebound.value == 0
+                else f", off the ground again for {number(rebound.value)} s"
+            )
+        text += " and stands still."
+    elif landed is not None:
+        text += " It does not land and stand still."
+    if ideal is not None:
+        text += (
+            f" With a perfect torque source in place of the drives the same parameters would reach {ideal.apex:.2f} m:"
+            f" {100 * (ideal.apex - record.apex):.0f} cm are lost to motors, gears and springs."
+        )
+    return text
+
+
+def _motion(numbers: RobotNumbers, record: JumpRecord, ideal: JumpRecord | None) -> list[Block]:
+    tracks = [Track(record.drive, record.q, record.contact_force)]
+    if ideal is not None and len(ideal.time) == len(record.time):
+        tracks.append(Track(f"Ghost on the {ideal.drive} drive", ideal.q, ideal.contact_force))
+    apex_time = float(record.time[record.q[:, 2].argmax()])
+    lines = "Thin lines: the left fore foot." + (
+        "" if ideal is None else " Orange: the same parameters without drive train."
+    )
+    return [
+        Playback(
+            tracks,
+            float(record.time[1] - record.time[0]),
+            numbers,
+            "The jump, to be played and turned. Arrows are contact forces, green well inside the friction cone, yellow "
+            "from 80 % of it, red at its edge. Below, the robot from its right side at equal steps of time, the height "
+            "of the torso, and which feet are on the ground.",
+            spans=jump_figures.spans(record),
+            snapshots=_snapshot_times(record),
+            poster=apex_time,
+        ),
+        Figure(
+            jump_figures.heights(record, ideal, numbers.bodies.foot.radius),
+            f"Height of the torso and of the left fore foot. {lines} Desired is what the parameters ask for during the "
+            "launch. Click to move the playback there.",
+            time_axis=True,
+        ),
+    ]
+
+
+def _snapshot_times(record: JumpRecord) -> list[float]:
+    launch, landing = record.start_of("launch"), record.start_of("landing")
+    last = float(record.time[-1])
+    start = 0.0 if launch is None else float(record.time[launch])
+    end = last if landing is None else min(last, float(record.time[landing]) + AFTER_LANDING)
+    return np.linspace(start, end, SNAPSHOTS).tolist()
+
+
+def _drive(numbers: RobotNumbers, record: JumpRecord) -> list[Block]:
+    launch = record.time <= record.time[record.take_off]
+    error = (record.motor_velocity - record.commanded_velocity)[launch]
+    rms = [float(np.sqrt(np.mean(error[:, k] ** 2))) for k in range(3)]
+    joints = ", ".join(f"{joint} {number(value, 2)}" for joint, value in zip(JOINTS, rms, strict=True))
+    limited = saturations(record, numbers)
+    rows = []
+    for k, joint in enumerate(JOINTS):
+        # the worst leg
+        shares = [max(float(limited[name][launch, leg * 3 + k].mean()) for leg in range(4)) for name in SATURATIONS]
+        current = np.abs(record.current[launch, k::3]).max()
+        voltage = np.abs(record.voltage[launch, k::3]).max()
+        rows.append([joint, *(percent(share) for share in shares), number(current), number(voltage)])
+    return [
+        Figure(
+            jump_figures.gear_velocities(record, numbers),
+            "Gear velocities of the left fore leg until take-off: what the torque loop desires, what remains after "
+            "the limits of speed and power, and what the motor reaches. Bars below mark where a limit of the drive "
+            f"holds the joint back. RMS between commanded and reached, all legs: {joints} rad/s.",
+            time_axis=True,
+        ),
+        Table(
+            ["Joint", *(f"at {name} limit" for name in SATURATIONS), "largest current [A]", "largest voltage [V]"],
+            rows,
+            "Share of the time until take-off that the drive spends at each limit, for the leg that spends most.",
+            numeric=range(1, 7),
+        ),
+        Figure(
+            jump_figures.joint_torques(record, numbers, jump_figures.spans(record)),
+            "Joint torques behind the springs, with the signs of the left fore leg; dashed red, the limits that the "
+            "controller keeps. In flight and landing the joints are in position mode.",
+            time_axis=True,
+        ),
+    ]
+
+
+def _ground(numbers: RobotNumbers, record: JumpRecord) -> list[Block]:
+    return [
+        Figure(
+            jump_figures.contact_forces(record, numbers, jump_figures.spans(record)),
+            "Contact forces. Left, normal force of each foot and how much of the friction cone is used (a foot that "
+            f"carries less than {numbers.contact.contact_flag_force:g} N is left out); right, every sample in the "
+            f"plane of the cone, μ = {numbers.contact.friction:g}. A point on the dashed line is a foot that slips.",
+        )
+    ]
+
+
+def _search(file: ParameterFile, history: History | None, sensitivities: Sequence[Sensitivity]) -> list[Block]:
+    blocks: list[Block] = []
+    if history is not None:
+        blocks.append(
+            Figure(
+                jump_figures.convergence(history),
+                "Convergence. Each stage makes the model harder and starts where the last ended; costs of different "
+                "stages do not compare. The axis is scaled to the good candidates: a fall costs far more.",
+            )
+        )
+    blocks.append(
+        Figure(
+            bars(file.cost_terms, unit="cost"),
+            "What the cost of the best jump is made of, weights included: below zero is gain, above zero is penalty.",
+        )
+    )
+    rows = [
+        [p.name, number(p.value, 4), p.unit, number(p.low), Range(p.value, p.low, p.high), number(p.high)]
+        for p in file.parameters
+    ]
+    caption = "The parameters. A red mark is a value at one of its bounds: widening them may pay."
+    blocks.append(Table(["Parameter", "Value", "Unit", "Low", "", "High"], rows, caption, numeric=(1, 3)))
+    if sensitivities:
+        blocks.append(
+            Figure(
+                jump_figures.tornado(sensitivities, "m"),
+                "Change of the apex height when one number at a time is changed: what limits the jump stands on top.",
+            )
+        )
+    return blocks
+
+
+def _provenance(file: ParameterFile) -> list[Block]:
+    facts = [
+        ("Task", file.task),
+        ("Robot", file.robot),
+        ("Model", file.model_hash),
+        ("Drive", file.drive),
+        ("Seed", str(file.seed)),
+        *((f"Search: {name}", number(v) if isinstance(v, float) else str(v)) for name, v in file.search.items()),
+        ("Created (UTC)", file.created),
+        ("Checksum of parameters.json", file.checksum),
+    ]
+    versions = [[name, version] for name, version in file.versions.items()]
+    computed = [Table(["Package", "Version"], versions, "What it was computed with.")]
+    if file.perturbed is not None:
+        rows = [[name, about] for name, about in file.perturbed.perturbations.items()]
+        trials = f"the {file.perturbed.trials} trials behind the spreads (seed {file.perturbed.seed})"
+        computed.append(Table(["Perturbation", "How much"], rows, f"What was perturbed in {trials}."))
+    return [Code(file.command), Columns([[Table(["", "This run"], facts, "What decides the result.")], computed])]
