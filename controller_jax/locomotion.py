@@ -1,0 +1,176 @@
+"""Dynamic gaits: the blocks of Fig. 2 composed into one control period."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from controller_jax import gait, leg_coordination, terrain_estimator
+from controller_jax.foot_contact import soles
+from controller_jax.foothold import FootholdParams, desired_footholds
+from controller_jax.force_distribution import (
+    DistributionSettings,
+    DistributionState,
+    SupportLegs,
+    distribute_forces,
+    init_distribution,
+)
+from controller_jax.gait import ReducedGait
+from controller_jax.joint_torques import joint_torques, weight_torque
+from controller_jax.leg_coordination import CoordinationParams, LegEvents, LegMemory
+from controller_jax.leg_kinematics import leg_kinematics
+from controller_jax.rotations import control_frame, cross, mm, mv
+from controller_jax.swing_leg import FootMotion, SwingParams, joint_positions, swing_motion
+from controller_jax.terrain_estimator import Plane, TerrainParams
+from controller_jax.torso_motion import TorsoParams, TorsoTarget, torso_target
+from controller_jax.types import Array, JointTargets, LegGeometry, RobotState
+from controller_jax.velocity_command import VelocityCommand, VelocityParams, smooth
+from controller_jax.virtual_model import Gains, IntegralLimits, Integrals, init_integrals, virtual_model
+
+
+class StartParams(NamedTuple):
+    """How the gait begins: all legs stand, then the duty factors shrink to those of the gait."""
+
+    stand: Array  # () s
+    blend: Array  # () s, > 0
+
+
+class GaitParams(NamedTuple):
+    """Every number of the controller; any of them may be searched."""
+
+    gait: ReducedGait
+    start: StartParams
+    velocity: VelocityParams
+    terrain: TerrainParams
+    coordination: CoordinationParams
+    torso: TorsoParams
+    gains: Gains
+    integral_limits: IntegralLimits
+    distribution: DistributionSettings
+    foothold: FootholdParams
+    swing: SwingParams
+
+
+class LocomotionState(NamedTuple):
+    """What the scan carries."""
+
+    phase: Array  # () of the stride
+    command: VelocityCommand  # smoothed
+    plane: Plane
+    legs: LegMemory
+    integrals: Integrals
+    distribution: DistributionState
+
+
+class LocomotionInfo(NamedTuple):
+    """What the controller planned and saw in one control period."""
+
+    phase: Array  # ()
+    planned_stance: Array  # (4,)
+    support: Array  # (4,) force-controlled legs
+    events: LegEvents
+    command: VelocityCommand
+    plane: Plane
+    torso: TorsoTarget
+    wrench_C: Array  # (6,) desired on the torso, control frame, N and N m
+    force_C: Array  # (4, 3) desired ground on foot, N
+    tracking_C: Array  # (6,) wrench of those forces minus the desired one
+    foot: FootMotion  # desired motion of the soles of swing legs
+
+
+def init(geometry: LegGeometry, robot: RobotState) -> LocomotionState:
+    """The robot stands on all legs; the ground is the plane under its feet."""
+    zero = jnp.zeros((), jnp.float32)
+    up = jnp.array([0.0, 0.0, 1.0], jnp.float32)
+    legs = leg_kinematics(geometry, robot.q)
+    feet = soles(geometry, legs, robot.q, robot.qd, robot.R_WB, up)
+    soles_W = robot.r_WB[None] + mv(robot.R_WB[None], feet.r_BS_B)
+    return LocomotionState(
+        phase=zero,
+        command=VelocityCommand(zero, zero, zero),
+        plane=terrain_estimator.fit_plane(soles_W),
+        legs=leg_coordination.standing(soles_W),
+        integrals=init_integrals(),
+        distribution=init_distribution(),
+    )
+
+
+def step(
+    params: GaitParams,
+    geometry: LegGeometry,
+    state: LocomotionState,
+    robot: RobotState,
+    command: VelocityCommand,
+    time: Array,
+    period: Array,
+) -> tuple[LocomotionState, JointTargets, LocomotionInfo]:
+    """One control period (s): what the joints should do, given the robot, the operator's command and the time."""
+    legs = leg_kinematics(geometry, robot.q)
+    R_WB = robot.R_WB
+    feet = soles(geometry, legs, robot.q, robot.qd, R_WB, state.plane.normal_W)
+    soles_W = robot.r_WB[None] + mv(R_WB[None], feet.r_BS_B)
+    omega = jnp.broadcast_to(robot.omega_B, (4, 3))
+    slip_W = robot.v_WB[None] + mv(R_WB[None], cross(omega, feet.r_BS_B) + feet.v_BS_B)
+
+    pattern, phase = _schedule(params, state.phase, time, period)
+    phases = gait.leg_phases(pattern, phase)
+    memory, roles, events = leg_coordination.coordinate(
+        params.coordination, state.legs, phases, robot.contact, soles_W, slip_W, period
+    )
+    plane = terrain_estimator.estimate(params.terrain, state.plane, memory.foothold_W, period)
+    R_WC = control_frame(R_WB, plane.normal_W)
+    smoothed = smooth(params.velocity, state.command, command)
+
+    target = torso_target(
+        params.torso, pattern, phases, phase, soles_W, plane, robot.r_WB, R_WC, smoothed, geometry.gravity
+    )
+    integrals, wrench_C = virtual_model(
+        params.gains, params.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, period
+    )
+    R_CB = mm(R_WC.T, R_WB)
+    J_BF_C = mm(R_CB[None], legs.J_BF_B)
+    weight = weight_torque(geometry, legs, R_WB)
+    support = SupportLegs(mv(R_CB[None], legs.r_BF_B), J_BF_C, weight, roles.support)
+    distribution, forces = distribute_forces(params.distribution, state.distribution, support, wrench_C)
+
+    motion = _swing(params, geometry, robot, memory, roles, phases, R_WC, plane, smoothed, soles_W)
+    position = joint_positions(params.swing, geometry, robot, legs, motion, plane.normal_W)
+    torque = joint_torques(forces.force, J_BF_C, weight)
+    targets = JointTargets(torque, position, jnp.repeat(1.0 - roles.support, 3))
+    info = LocomotionInfo(
+        phase=phase,
+        planned_stance=phases.stance,
+        support=roles.support,
+        events=events,
+        command=smoothed,
+        plane=plane,
+        torso=target,
+        wrench_C=wrench_C,
+        force_C=forces.force,
+        tracking_C=forces.wrench - wrench_C,
+        foot=motion,
+    )
+    return LocomotionState(phase, smoothed, plane, memory, integrals, distribution), targets, info
+
+
+def _schedule(params, phase, time, period):
+    """Contact schedule now, and the phase in it: at rest while standing, then blended into the gait."""
+    goal = gait.full_pattern(params.gait)
+    going = jnp.clip((time - params.start.stand) / params.start.blend, 0.0, 1.0)
+    pattern = gait.interpolate(gait.standing(goal), goal, going)
+    phase = jnp.where(time >= params.start.stand, gait.advance(pattern, phase, period), phase)
+    return pattern, phase
+
+
+def _swing(params, geometry, robot, memory, roles, phases, R_WC, plane, command, soles_W) -> FootMotion:
+    """Desired motion of the soles: along the swing to the foothold, or the reflex."""
+    remaining = (1.0 - phases.swing_phase) * phases.swing_duration
+    footholds = desired_footholds(
+        params.foothold, geometry, robot, R_WC, plane, command, phases.stance_duration, remaining
+    )
+    left = (1.0 - memory.lift_off_phase) * phases.swing_duration
+    motion = swing_motion(
+        params.swing, memory.foothold_W, footholds, roles.swing_progress, left, R_WC, plane, roles.clearance
+    )
+    reflex = (roles.reflex != 0.0)[:, None]
+    sought = soles_W + roles.reflex[:, None] * plane.normal_W[None]
+    return FootMotion(jnp.where(reflex, sought, motion.position), jnp.where(reflex, 0.0, motion.velocity))
