@@ -1,6 +1,7 @@
 """The numbers of the drives as arrays, and the periods of their nested loops."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -91,16 +92,26 @@ def params_from_numbers(numbers: Mapping) -> DriveParams:
 
     Raises ValueError that names a missing key.
     """
-    try:
+    with _missing_keys_named():
         return _params_from_numbers(numbers)
-    except KeyError as missing:
-        raise ValueError(f"the robot's numbers lack the key {missing} that the drives need") from missing
 
 
 def periods_from_numbers(numbers: Mapping) -> LoopPeriods:
-    """The loop periods of the robot's numbers, key "loops". Raises ValueError if they do not divide."""
-    loops = numbers["loops"]
-    return LoopPeriods(loops["control_period"], loops["velocity_period"], loops["current_period"])
+    """The loop periods of the robot's numbers, key "loops".
+
+    Raises ValueError that names a missing key, or if the periods do not divide.
+    """
+    with _missing_keys_named():
+        loops = numbers["loops"]
+        return LoopPeriods(loops["control_period"], loops["velocity_period"], loops["current_period"])
+
+
+@contextmanager
+def _missing_keys_named() -> Iterator[None]:
+    try:
+        yield
+    except KeyError as missing:
+        raise ValueError(f"the robot's numbers lack the key {missing} that the drives need") from missing
 
 
 def with_torque_limits(params: DriveParams, low: Array, high: Array) -> DriveParams:
