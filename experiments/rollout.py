@@ -19,16 +19,20 @@ SANE_SPEED = 200.0  # m/s or rad/s: beyond this a rollout has diverged, and its 
 
 
 class Task(Protocol):
-    """What a motion task brings to the closed loop. All methods are pure and see one environment."""
+    """What a motion task brings to the closed loop. All methods are pure and see one environment.
+
+    `settings` is the controller's pytree of numbers that are not searched (torque limits, gains, geometry).
+    """
 
     name: str
     ticks: int
+    settings: Any
 
-    def start(self, plant: Plant, params: PlantParams, values: Array, trial: Trial) -> tuple[PlantState, Any]:
+    def start(self, plant: Plant, params: PlantParams, settings: Any, values: Array, trial: Trial) -> tuple[PlantState, Any]:
         """Plant and controller at time zero for parameter values (n,)."""
 
     def control(
-        self, values: Array, state: Any, robot: RobotState, time: Array
+        self, settings: Any, values: Array, state: Any, robot: RobotState, time: Array
     ) -> tuple[Any, JointTargets, Any]:
         """One control period: (controller state, targets, info)."""
 
@@ -72,21 +76,21 @@ class Rollout:
     task: Task
     sensing: Sensing
 
-    def score(self, params: PlantParams, values: Array, trial: Trial) -> Score:
+    def score(self, params: PlantParams, settings: Any, values: Array, trial: Trial) -> Score:
         """Run one trial with parameter values (n,) and score it; a diverging one is scored, never NaN."""
-        return self._run(params, values, trial, lambda tick: None)[0]
+        return self._run(params, settings, values, trial, lambda tick: None)[0]
 
-    def record(self, params: PlantParams, values: Array, trial: Trial) -> tuple[Score, Tick]:
+    def record(self, params: PlantParams, settings: Any, values: Array, trial: Trial) -> tuple[Score, Tick]:
         """Run one trial and keep every tick: (score, ticks stacked along axis 0)."""
-        return self._run(params, values, trial, lambda tick: tick)
+        return self._run(params, settings, values, trial, lambda tick: tick)
 
     def _run(
-        self, params: PlantParams, values: Array, trial: Trial, keep: Callable[[Tick], Any]
+        self, params: PlantParams, settings: Any, values: Array, trial: Trial, keep: Callable[[Tick], Any]
     ) -> tuple[Score, Any]:
         plant, task = self.plant, self.task
         params = trial.apply(params)
         params = plant.prepare(params)
-        state, controller = task.start(plant, params, values, trial)
+        state, controller = task.start(plant, params, settings, values, trial)
 
         def tick(carry, k):
             state, controller, sensing, tally, alive = carry
@@ -94,7 +98,7 @@ class Rollout:
             noise = noise_row(trial, k)
             sensed, measurement = plant.measure(params, state)
             sensing, robot, measurement = self.sensing.step(sensing, sensed, measurement, noise)
-            controller, targets, info = task.control(values, controller, robot, time)
+            controller, targets, info = task.control(settings, values, controller, robot, time)
             command = JointCommand(targets.torque, targets.position, targets.position_mode)
             after, output = plant.step(params, sensed, PlantInput(command, measurement, push_at(trial, time)))
             alive = alive * _sane(after)

@@ -2,15 +2,10 @@
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
-from controller_jax.geometry import geometry_from_numbers
-from controller_jax.leg_kinematics import leg_kinematics
 
 from experiments.errors import UserError
 from experiments.measurement.log import Log
-
-Array = jax.Array
 
 
 class DriveLog(NamedTuple):
@@ -25,7 +20,6 @@ class DriveLog(NamedTuple):
     motor_position: np.ndarray
     motor_velocity: np.ndarray
     motor_current: np.ndarray
-    radial_load: np.ndarray  # N, through the bearings, from the joint torques
 
     def joints(self, chosen: list[int]) -> "DriveLog":
         """Only some of the drives."""
@@ -41,7 +35,7 @@ def has_drives(log: Log) -> bool:
     return commanded and all(log.joints(signal) is not None for signal in NEEDED)
 
 
-def drive_log(log: Log, numbers: dict | None) -> DriveLog:
+def drive_log(log: Log) -> DriveLog:
     """The drives' part of a log; raises UserError where a signal that the replay needs is missing."""
     for signal in NEEDED:
         if log.joints(signal) is None:
@@ -66,22 +60,8 @@ def drive_log(log: Log, numbers: dict | None) -> DriveLog:
         theta,
         _velocity(log, "motor_velocity", theta),
         np.zeros_like(q) if log.joints("motor_current") is None else _held(log.joints("motor_current")),
-        radial_load(log, numbers, q, tau),
     )
     return DriveLog(*(np.asarray(table, np.float32) for table in tables))
-
-
-def radial_load(log: Log, numbers: dict | None, q: np.ndarray, tau: np.ndarray) -> np.ndarray:
-    """Force across the bearings of each leg (T, J): the quasi-static foot force that its joint torques balance."""
-    if numbers is None or log.experiment != "ground":
-        return np.zeros_like(q)
-    geometry = geometry_from_numbers(numbers)
-    jacobian = np.asarray(jax.vmap(lambda x: leg_kinematics(geometry, x).J_BF_B)(q.astype(np.float32)))
-    # a damped inverse: a straight leg carries load without torque, and would divide by zero
-    gram = np.einsum("tlij,tlik->tljk", jacobian, jacobian) + 1e-4 * np.eye(3)
-    legs = np.linalg.solve(gram, tau.reshape(len(tau), 4, 3)[..., None])
-    force = np.einsum("tlij,tlj->tli", jacobian, legs[..., 0])
-    return np.repeat(np.linalg.norm(force, axis=-1), 3, axis=1)
 
 
 def _velocity(log: Log, signal: str, position: np.ndarray) -> np.ndarray:

@@ -1,0 +1,94 @@
+"""Scores of many candidates under many trials: what the search, the robustness analysis and re-evaluation call."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from sea_jax import with_torque_limits
+
+from experiments.batch import batched, in_slices
+from experiments.effects.effect import Effect
+from experiments.model import Model
+from experiments.plant import PlantParams, make_plant
+from experiments.rollout import Rollout, Score
+from experiments.sensing import DirectSensing, Sensing
+from experiments.tasks.definition import TaskDefinition
+from experiments.tasks.registry import make_task
+from experiments.trial import Trial, noise_table
+
+SLICE = 1024  # members on the host at a time: bounds memory whatever their number
+
+
+class Members(NamedTuple):
+    """What differs from one rollout to the next; every leaf has the member axis first."""
+
+    values: np.ndarray  # (N, n)
+    numbers: dict[str, np.ndarray]  # (N,) each
+    noise_start: np.ndarray  # (N,) int32
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """One task on one plant, compiled once for any number of members of the same kind."""
+
+    model: Model
+    definition: TaskDefinition
+    drive: str
+    library: Mapping[str, Effect]
+    mesh: jax.sharding.Mesh
+    chunk: int
+    sensing: Sensing = field(default_factory=DirectSensing)
+
+    @cached_property
+    def rollout(self) -> Rollout:
+        plant = make_plant(self.model, self.drive, dict(self.library))
+        return Rollout(plant, make_task(self.definition, self.model), self.sensing)
+
+    @cached_property
+    def _program(self):
+        rollout = self.rollout
+
+        def one(shared, member: Members) -> Score:
+            params, settings, noise = shared
+            trial = Trial(member.numbers, noise, member.noise_start)
+            return rollout.score(params, settings, member.values, trial)
+
+        return batched(one, self.mesh, self.chunk)
+
+    def scores(self, members: Members, torque_limit: float = 1.0) -> Score:
+        """Scores of all members, NumPy leaves with the member axis first."""
+        params, settings = self.limited(torque_limit)
+        shared = (params, settings, noise_table())
+        if len(members.values) <= SLICE:
+            return self._program(shared, members)
+        return in_slices(self._program, shared, members, SLICE)
+
+    def limited(self, torque_limit: float = 1.0) -> tuple[PlantParams, Any]:
+        """Plant and controller with the joint torque limits scaled (the real drives have limits of their own)."""
+        params, settings = self.rollout.plant.params, self.rollout.task.settings
+        limits = settings.geometry.torque_limits * jnp.float32(torque_limit)
+        settings = settings._replace(
+            geometry=settings.geometry._replace(torque_limits=limits),
+            distribution=settings.distribution._replace(torque_limits=limits),
+        )
+        return params._replace(drive=with_torque_limits(params.drive, limits[:, 0], limits[:, 1])), settings
+
+
+def nominal_members(candidates: np.ndarray) -> Members:
+    """Each candidate once, nothing perturbed."""
+    candidates = np.asarray(candidates, np.float32)
+    return Members(candidates, {}, np.zeros(len(candidates), np.int32))
+
+
+def crossed(candidates: np.ndarray, numbers: Mapping[str, np.ndarray], noise_start: np.ndarray) -> Members:
+    """Every candidate (P, n) under every trial (K): P*K members, trials running fastest."""
+    count, trials = len(candidates), len(noise_start)
+    return Members(
+        np.repeat(np.asarray(candidates, np.float32), trials, axis=0),
+        {name: np.tile(values, count) for name, values in numbers.items()},
+        np.tile(noise_start, count),
+    )

@@ -1,0 +1,117 @@
+"""Atoms: every parameter of every effect at every single joint, link or foot, as one flat vector.
+
+A hypothesis (an effect at a place) moves the atoms of that place together. So one Jacobian over the atoms serves
+every effect at every place, and the joint fit of several effects with the robot's nominal numbers.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from experiments.effects.compose import ActiveEffects, EffectNumbers
+from experiments.effects.effect import Effect, Parameter
+from experiments.effects.places import mask, places_of
+
+AXIS_SIZE = {"link": 12, "foot": 4, "torso": 1}
+
+
+class Column(NamedTuple):
+    """One parameter of one effect, over its axis."""
+
+    effect: Effect
+    parameter: Parameter
+    start: int  # first atom
+    size: int
+
+
+@dataclass(frozen=True, eq=False)
+class Atoms:
+    """The layout of the flat vector x (n,) for a set of effects on a robot with these joints."""
+
+    effects: tuple[Effect, ...]
+    joint_names: tuple[str, ...]
+
+    @cached_property
+    def columns(self) -> tuple[Column, ...]:
+        found, start = [], 0
+        for effect in self.effects:
+            size = AXIS_SIZE.get(effect.axis, len(self.joint_names))
+            for parameter in effect.parameters:
+                found.append(Column(effect, parameter, start, size))
+                start += size
+        return tuple(found)
+
+    @property
+    def size(self) -> int:
+        return self.columns[-1].start + self.columns[-1].size if self.columns else 0
+
+    def off(self) -> np.ndarray:
+        """x with every effect off, float64."""
+        return np.concatenate([np.full(c.size, c.parameter.off) for c in self.columns] or [np.zeros(0)])
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds (n,)."""
+        low = np.concatenate([np.full(c.size, c.parameter.low) for c in self.columns])
+        high = np.concatenate([np.full(c.size, c.parameter.high) for c in self.columns])
+        return low, high
+
+    def numbers(self, x: jax.Array) -> EffectNumbers:
+        """x as the effects' numbers, for the hooks."""
+        of_effect = {effect.name: {} for effect in self.effects}
+        for c in self.columns:
+            values = x[c.start : c.start + c.size]
+            of_effect[c.effect.name][c.parameter.name] = values[0] if c.effect.axis == "torso" else values
+        return tuple(of_effect[effect.name] for effect in self.effects)
+
+    def active(self) -> ActiveEffects:
+        """All of the effects, on."""
+        return ActiveEffects(self.effects)
+
+    def of(self, effect: str) -> list[Column]:
+        """The columns of an effect, in the order of its parameters."""
+        return [c for c in self.columns if c.effect.name == effect]
+
+    def places(self, effect: Effect) -> tuple[str, ...]:
+        return places_of(effect.axis, self.joint_names)
+
+    def selection(self, effect: str, where: str) -> np.ndarray:
+        """(n, parameters): which atoms move when the effect's parameters at a place do."""
+        columns = self.of(effect)
+        chosen = np.zeros((self.size, len(columns)))
+        for k, c in enumerate(columns):
+            chosen[c.start : c.start + c.size, k] = mask(where, c.effect.axis, self.joint_names)
+        return chosen
+
+    def set(self, x: np.ndarray, effect: str, where: str, values: Mapping[str, float]) -> np.ndarray:
+        """A copy of x with an effect's parameters at a place."""
+        x = np.array(x, float)
+        for c in self.of(effect):
+            here = mask(where, c.effect.axis, self.joint_names) > 0
+            if c.parameter.name in values:
+                x[c.start : c.start + c.size][here] = values[c.parameter.name]
+        return x
+
+    def placed(self, x: np.ndarray, placed: Iterable) -> np.ndarray:
+        """x with the effects of a model (objects with effect, where, values())."""
+        for item in placed:
+            x = self.set(x, item.effect, item.where, item.values())
+        return x
+
+
+def hypotheses(atoms: Atoms, names: Sequence[str] | None = None) -> list[tuple[str, str]]:
+    """Every (effect, place)."""
+    return [
+        (effect.name, where)
+        for effect in atoms.effects
+        if names is None or effect.name in names
+        for where in atoms.places(effect)
+    ]
+
+
+def as_array(x: np.ndarray) -> jax.Array:
+    return jnp.asarray(x, jnp.float32)

@@ -1,0 +1,152 @@
+"""What a log says about bodies, contact and joint sensors: inverse-dynamics residuals and the noise they carry."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from mjx_starleth.bodies import Bodies, BodyParams
+from mjx_starleth.names import JOINT_NAMES, LEGS
+
+from experiments.measurement.atoms import Atoms
+from experiments.measurement.body_replay import BodyLog, BodyReplay, BodyResidual, body_log, settled, thinned
+from experiments.measurement.log import Log
+
+BODY_HOOKS = frozenset("body_parameters measurement measured_motion joint_drag torso_force".split())
+FLOOR_DRAWS = 3
+SLIDING = 0.06  # m/s above which a foot counts as sliding; several times the noise of its velocity
+PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
+LANES = 4  # sets of numbers per call of the compiled residual
+
+# What the best model of a real robot may still leave in each channel: below this nothing is called missing.
+MODEL_ERROR = {"force": 0.5, "torque": 0.05, "joint": 0.03, "gap": 5e-4, "friction": 0.05}
+CHANNELS = (
+    *(f"torso_force/{axis}" for axis in "xyz"),
+    *(f"torso_torque/{axis}" for axis in "xyz"),
+    *(f"joint_torque/{name}" for name in JOINT_NAMES),
+    *(f"foot_height/{leg}" for leg in LEGS),
+    *(f"friction/{leg}" for leg in LEGS),
+)
+KIND = ["force"] * 3 + ["torque"] * 3 + ["joint"] * 12 + ["gap"] * 4 + ["friction"] * 4
+
+
+@dataclass(frozen=True, eq=False)
+class BodyEvidence:
+    """One log's bodies. floor (26,): what noise alone leaves in CHANNELS; used (N, 26): rows that count."""
+
+    atoms: Atoms
+    replay: BodyReplay
+    log: BodyLog
+    period: float
+    used: np.ndarray
+    floor: np.ndarray
+    tau: np.ndarray  # (26,) rows of residual that carry as much as one independent row
+
+    def predict(self, xs: np.ndarray) -> np.ndarray:
+        """Residuals (H, N, 26) in physical units for atom vectors (H, n)."""
+        return residuals(self.replay, self.atoms, self.log, self.period, xs)
+
+    def residual(self, xs: np.ndarray) -> np.ndarray:
+        """Residuals (H, N, 26) in units of the floor, zero where a row does not count."""
+        return self.predict(xs) / self.floor[None, None] * self.used[None]
+
+
+def body_evidence(
+    atoms: Atoms, bodies: Bodies, params: BodyParams, log: Log, noise: Mapping[str, float]
+) -> BodyEvidence:
+    """Prepare a log's bodies; noise: standard deviations of the sensors by signal name."""
+    rows, period = body_log(log), log.sample_period
+    clamped = log.experiment == "fixed_base"
+    replay = BodyReplay(bodies, params, atoms.active(), clamped)
+    off = atoms.off()[None]
+    raw = residual_rows(replay, atoms, rows, off)
+    used = _used(rows, raw[0], period, clamped)
+    clean = thinned(raw[0], period)[:, : len(CHANNELS)]
+    rng, draws = np.random.default_rng(0), []
+    for _ in range(FLOOR_DRAWS):
+        noisy = _noisy(rng, rows, noise, period, clamped)
+        draws.append(residuals(replay, atoms, noisy, period, off)[0] - clean)
+    error = np.stack(draws)
+    count = np.maximum(used.sum(0), 1)
+    spread = np.sqrt((error**2 * used[None]).sum((0, 1)) / count / FLOOR_DRAWS)
+    # where the rows alias what is faster than their rate, the residual is rougher than noise makes it
+    rough = _roughness(clean, used) / np.maximum(_roughness(error[0], used), 1e-12)
+    floor = np.maximum(spread, 1e-9) * np.maximum(rough, 1.0)
+    return BodyEvidence(atoms, replay, rows, period, used, floor, _correlation_rows(error * used[None]))
+
+
+def residuals(replay: BodyReplay, atoms: Atoms, log: BodyLog, period: float, xs: np.ndarray) -> np.ndarray:
+    """Smoothed and thinned residuals (H, N, 26) in physical units for atom vectors (H, n)."""
+    return np.stack([thinned(rows, period)[:, : len(CHANNELS)] for rows in residual_rows(replay, atoms, log, xs)])
+
+
+def residual_rows(replay: BodyReplay, atoms: Atoms, log: BodyLog, xs: np.ndarray) -> np.ndarray:
+    """Residuals on raw rows, and the feet's normal force and sliding speed: (H, T, 26 + 4 + 4)."""
+    rows, missing = len(log.q), -len(log.q) % PAD
+    padded = BodyLog(*(np.concatenate([table, np.repeat(table[-1:], missing, 0)]) for table in log))
+    found = []
+    for i in range(0, len(xs), LANES):
+        part = xs[i : i + LANES]
+        full = np.concatenate([part, np.repeat(part[-1:], LANES - len(part), 0)]).astype(np.float32)
+        found.append(np.asarray(_lanes(replay, atoms, padded, full))[: len(part), :rows])
+    return np.concatenate(found)
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _lanes(replay: BodyReplay, atoms: Atoms, log: BodyLog, xs):
+    return jax.lax.map(lambda x: _channels(replay.residual(log, atoms.numbers(x))), xs)
+
+
+def _channels(r: BodyResidual) -> jax.Array:
+    normal = (r.foot_force * jnp.eye(3, dtype=jnp.float32)[2][None, None]).sum(-1)
+    return jnp.concatenate([r.torso, r.joints, r.gap, r.friction_use - 1.0, normal, r.slip_velocity], 1)
+
+
+def _used(log: BodyLog, raw: np.ndarray, period: float, clamped: bool) -> np.ndarray:
+    """Which residuals mean something on which row, (N, 26)."""
+    quiet = settled(log.contact, period)
+    share = thinned(log.contact, period)
+    n = len(quiet)
+    if clamped:
+        return np.concatenate([np.zeros((n, 6)), np.ones((n, 12)), np.zeros((n, 8))], 1)
+    on = quiet & (share > 0.5)
+    flying = quiet & (share < 0.5)
+    normal, slip = thinned(raw[:, -8:-4], period), thinned(raw[:, -4:], period)
+    sliding = on & (slip > SLIDING) & (normal > 15.0)
+    torso = np.repeat(quiet.all(1, keepdims=True), 6, 1)
+    return np.concatenate([torso, np.repeat(flying, 3, 1), on, sliding], 1).astype(float)
+
+
+def _roughness(rows: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """Size of the changes from row to row, per channel."""
+    both = used[1:] * used[:-1]
+    change = np.diff(rows, axis=0) ** 2 * both
+    return np.sqrt(change.sum(0) / np.maximum(both.sum(0), 1))
+
+
+def _noisy(
+    rng: np.random.Generator, log: BodyLog, noise: Mapping[str, float], period: float, clamped: bool
+) -> BodyLog:
+    """The log with its sensors' noise once more."""
+    draw = lambda like, std: std * rng.standard_normal(like.shape)  # noqa: E731
+    q, u = log.q.astype(float), log.u.astype(float)
+    q[:, 7:] += draw(q[:, 7:], noise["joint_position"])
+    u[:, 6:] += draw(u[:, 6:], noise["joint_velocity"])
+    if not clamped:
+        q[:, :3] += draw(q[:, :3], noise["base_position"])
+        q[:, 3:7] += draw(q[:, 3:7], noise["base_orientation"])
+        q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+        u[:, :3] += draw(u[:, :3], noise["base_linear_velocity"])
+        u[:, 3:6] += draw(u[:, 3:6], noise["base_angular_velocity"])
+    torque = log.torque + draw(log.torque, noise["joint_torque"])
+    return BodyLog(*(np.asarray(a, np.float32) for a in (q, u, np.gradient(u, period, axis=0), torque, log.contact)))
+
+
+def _correlation_rows(error: np.ndarray, block: int = 40) -> np.ndarray:
+    """Variance of block means over that of independent rows, at least 1: (channels,) from draws (D, N, channels)."""
+    n = error.shape[1] // block * block
+    means = error[:, :n].reshape(error.shape[0], -1, block, error.shape[2]).mean(2)
+    single = (error**2).mean((0, 1))
+    return np.maximum(1.0, block * (means**2).mean((0, 1)) / np.maximum(single, 1e-30))

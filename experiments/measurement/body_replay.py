@@ -1,0 +1,194 @@
+"""Bodies and contact fed with the measured joint torques: what force and torque is left unexplained?
+
+With measured motion and measured joint torque, eq. 1 of the paper needs no integration:
+
+    M(q) du/dt + bias(q, u) - S^T tau = J^T lambda + residual.
+
+A foot in the air has lambda = 0, so its leg's three equations are residuals. A foot on the ground has the lambda
+that its leg's three equations demand, and the six equations of the torso are residuals. On a clamped torso all
+twelve joint equations are residuals. They are evaluated on raw rows and smoothed afterwards: being nearly linear in
+acceleration and torque, they lose sensor noise in the filter but nothing of what a controlled motion does.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from mjx_starleth.bodies import Bodies, BodyParams
+from mjx_starleth.smooth import Inertias, smooth
+from scipy.signal import savgol_filter
+from sea_jax import JointMeasurement, JointMotion
+from sea_jax.hooks import no_signals
+
+from experiments.effects.compose import ActiveEffects, EffectNumbers
+from experiments.measurement.log import Log
+
+Array = jax.Array
+
+SMOOTHING = 0.05  # s, half width of the filter on the residuals
+DECIMATION = 4  # rows per residual kept: the filter leaves no more than that
+
+
+class BodyLog(NamedTuple):
+    """Measurements on T rows; float32, SI."""
+
+    q: np.ndarray  # (T, 19) r_WB, quaternion, joints
+    u: np.ndarray  # (T, 18)
+    du: np.ndarray  # (T, 18) time derivative of u, central differences
+    torque: np.ndarray  # (T, 12) joint torque as the sensor showed it
+    contact: np.ndarray  # (T, 4) 1 on the ground, 0 in the air
+
+
+class BodyResidual(NamedTuple):
+    """What the bodies' equations of motion leave, row by row."""
+
+    torso: Array  # (T, 6) force (world) and torque (torso frame) on the torso, N and N m
+    joints: Array  # (T, 12) torque on the joints of legs in the air (all, if the torso is clamped), N m
+    foot_force: Array  # (T, 4, 3) force of the ground on each foot, world frame, N
+    gap: Array  # (T, 4) distance of the feet to the ground, m
+    slip_velocity: Array  # (T, 4) sliding speed of the feet, m/s
+    friction_use: Array  # (T, 4) tangential over normal force, relative to the model's friction coefficient
+
+
+@dataclass(frozen=True, eq=False)
+class BodyReplay:
+    """Inverse dynamics of the whole robot with a set of effects."""
+
+    bodies: Bodies
+    params: BodyParams
+    effects: ActiveEffects
+    clamped: bool  # torso fixed to the world
+
+    def residual(self, log: BodyLog, numbers: EffectNumbers) -> BodyResidual:
+        """The residuals of every row with the effects' numbers."""
+        params = self.effects.apply("body_parameters", numbers, self.params)
+        return jax.vmap(lambda row: self._row(params, numbers, BodyLog(*row)))(tuple(log))
+
+    def _row(self, params: BodyParams, numbers: EffectNumbers, row: BodyLog) -> BodyResidual:
+        q, u = self._true_motion(row, numbers)
+        tau = self._true_torque(row, numbers) - self._drag(u, numbers)
+        s = smooth(self.bodies.tree, _inertias(params), q, u)
+        base, legs = row.du[:6], row.du[6:].reshape(4, 3)
+        force = jnp.zeros(6, jnp.float32)
+        force = force.at[:3].set(self.effects.apply("torso_force", numbers, jnp.zeros(3, jnp.float32)))
+        on_torso = mv(s.m_base, base) + mv(s.cross.swapaxes(1, 2), legs).sum(0) + s.bias[:6] - force
+        on_legs = mv(s.cross, base[None]) + mv(s.m_leg, legs) + s.bias[6:].reshape(4, 3) - tau.reshape(4, 3)
+
+        n = params.terrain.normal
+        touching = s.r_WF - params.foot_radius * n[None]
+        arm = touching - q[None, :3]
+        leg_jacobian = jnp.cross(s.axis, touching[:, None] - s.anchor)  # (4 legs, 3 joints, 3 world)
+        on_ground = row.contact * (0.0 if self.clamped else 1.0)
+        foot_force = on_ground[:, None] * solve3(leg_jacobian, on_legs)
+        on_torso = on_torso - jnp.concatenate(
+            [foot_force.sum(0), mv(s.R_WB.T, jnp.cross(arm, foot_force).sum(0))]
+        )
+        omega = mv(s.R_WB, u[3:6])[None]
+        velocity = u[None, :3] + jnp.cross(omega, arm) + (leg_jacobian * u[6:].reshape(4, 3, 1)).sum(1)
+        normal = (foot_force * n).sum(-1)
+        tangential = foot_force - normal[:, None] * n
+        sliding = velocity - (velocity * n).sum(-1)[:, None] * n
+        friction = jnp.broadcast_to(params.friction, (4,))
+        size = lambda x: jnp.sqrt((x * x).sum(-1) + 1e-12)  # noqa: E731
+        give = jnp.broadcast_to(params.compliance, (4,)) * normal
+        return BodyResidual(
+            torso=on_torso,
+            joints=(on_legs * (1.0 - on_ground[:, None])).reshape(12),
+            foot_force=foot_force,
+            gap=(touching * n).sum(-1) - params.terrain.offset + give,
+            slip_velocity=size(sliding),
+            friction_use=size(tangential) / (friction * jnp.maximum(normal, 5.0)),
+        )
+
+    def _true_motion(self, row: BodyLog, numbers: EffectNumbers) -> tuple[Array, Array]:
+        motion = JointMotion(row.q[7:], row.u[6:], row.du[6:], jnp.zeros(12, jnp.float32))
+        motion = self.effects.apply("measured_motion", numbers, motion)
+        return row.q.at[7:].set(motion.position), row.u.at[6:].set(motion.velocity)
+
+    def _true_torque(self, row: BodyLog, numbers: EffectNumbers) -> Array:
+        """Undo the torque sensor: every memoryless sensor effect is affine in what it falsifies."""
+        zero = jnp.zeros(12, jnp.float32)
+
+        def shown(torque):
+            measurement = JointMeasurement(row.q[7:], row.u[6:], torque, row.q[7:])
+            for effect, values in zip(self.effects.effects, numbers, strict=True):
+                if "measurement" in effect.equations and not effect.memory:
+                    one = ActiveEffects((effect,))
+                    measurement = one.apply("measurement", (values,), measurement)
+            return measurement.torque
+
+        offset = shown(zero)
+        return (row.torque - offset) / (shown(zero + 1.0) - offset)
+
+    def _drag(self, u: Array, numbers: EffectNumbers) -> Array:
+        zero = jnp.zeros(12, jnp.float32)
+        signals = no_signals(zero, self.bodies.period)._replace(joint_velocity=u[6:])
+        return self.effects.apply("joint_drag", numbers, zero, signals)
+
+
+def body_log(log: Log) -> BodyLog:
+    """The bodies' part of a log on the robot."""
+    q_joint, torque = log.joints("joint_position"), log.joints("joint_torque")
+    v_joint = log.joints("joint_velocity")
+    v_joint = np.gradient(q_joint, log.sample_period, axis=0) if v_joint is None else v_joint
+    base_q, base_u = _base_motion(log)
+    q = np.nan_to_num(np.concatenate([base_q, q_joint], 1))
+    u = np.nan_to_num(np.concatenate([base_u, v_joint], 1))
+    contact = log.vector("foot_contact")
+    contact = np.ones((log.rows, 4)) if contact is None else np.nan_to_num(contact)
+    q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
+    tables = (q, u, np.gradient(u, log.sample_period, axis=0), np.nan_to_num(torque), contact)
+    return BodyLog(*(np.asarray(table, np.float32) for table in tables))
+
+
+def filter_window(period: float) -> int:
+    """Rows of the residuals' filter (odd)."""
+    return 2 * round(SMOOTHING / period) + 1
+
+
+def thinned(rows: np.ndarray, period: float) -> np.ndarray:
+    """Smoothed residuals on every DECIMATION-th row, without the ends that the filter cannot reach."""
+    window = filter_window(period)
+    smooth_rows = savgol_filter(rows, window, 2, axis=0)
+    return smooth_rows[window // 2 : len(rows) - window // 2 : DECIMATION]
+
+
+def settled(contact: np.ndarray, period: float) -> np.ndarray:
+    """(N, 4) True where a foot's contact did not change within the filter's reach, on the rows of `thinned`."""
+    window = filter_window(period)
+    share = savgol_filter(contact, window, 0, axis=0)[window // 2 : len(contact) - window // 2 : DECIMATION]
+    return np.abs(share - 0.5) > 0.499
+
+
+def _base_motion(log: Log) -> tuple[np.ndarray, np.ndarray]:
+    rows = log.rows
+    level = np.tile([1.0, 0, 0, 0], (rows, 1))
+    if log.experiment == "fixed_base":
+        return np.concatenate([np.zeros((rows, 3)), level], 1), np.zeros((rows, 6))
+    position, orientation = log.vector("base_position"), log.vector("base_orientation")
+    linear, angular = log.vector("base_linear_velocity"), log.vector("base_angular_velocity")
+    position = np.zeros((rows, 3)) if position is None else position
+    orientation = level if orientation is None else orientation
+    linear = np.gradient(position, log.sample_period, axis=0) if linear is None else linear
+    angular = np.zeros((rows, 3)) if angular is None else angular
+    return np.concatenate([position, orientation], 1), np.concatenate([linear, angular], 1)
+
+
+def mv(a: Array, v: Array) -> Array:
+    """Matrix times vector (..., i, j) (..., j), fused."""
+    return (a * v[..., None, :]).sum(-1)
+
+
+def solve3(a: Array, b: Array) -> Array:
+    """Solve a x = b for (..., 3, 3) and (..., 3) by Cramer's rule, damped where a leg is straight."""
+    r0, r1, r2 = a[..., 0, :], a[..., 1, :], a[..., 2, :]
+    c12, c20, c01 = jnp.cross(r1, r2), jnp.cross(r2, r0), jnp.cross(r0, r1)
+    determinant = (r0 * c12).sum(-1)
+    inverse = determinant / (determinant * determinant + 1e-10)
+    return (b[..., 0:1] * c12 + b[..., 1:2] * c20 + b[..., 2:3] * c01) * inverse[..., None]
+
+
+def _inertias(params: BodyParams) -> Inertias:
+    return Inertias(params.mass, params.com, params.inertia, params.gravity)

@@ -1,0 +1,186 @@
+"""All that one log says about the plant: the parts that it measures, in one currency, residual over noise."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from mjx_starleth.bodies import make_bodies
+from sea_jax import params_from_numbers, periods_from_numbers
+
+from experiments.effects.effect import Effect
+from experiments.errors import UserError
+from experiments.measurement.atoms import Atoms
+from experiments.measurement.body_evidence import CHANNELS as BODY_CHANNELS
+from experiments.measurement.body_evidence import KIND, MODEL_ERROR, BodyEvidence, body_evidence
+from experiments.measurement.body_replay import DECIMATION, filter_window
+from experiments.measurement.drive_evidence import DriveEvidence, drive_evidence
+from experiments.measurement.drive_log import drive_log, has_drives
+from experiments.measurement.drive_replay import CHANNELS as DRIVE_CHANNELS
+from experiments.measurement.features import Change, Products
+from experiments.measurement.log import Log
+from experiments.model import Model
+
+BLOCK = 0.5  # s: long against the residuals' correlation, short enough for many blocks in a log
+SHIFT_STEP = 1e-4  # rad
+
+
+class Point(NamedTuple):
+    """Numbers at which the replay runs: atoms (n,), shift of the first motor angle (J,), channel offsets (26,)."""
+
+    x: np.ndarray
+    shift: np.ndarray
+    offset: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The parts of one log; `blocks` is their number of BLOCKs."""
+
+    name: str
+    atoms: Atoms
+    drive: DriveEvidence | None
+    body: BodyEvidence | None
+    blocks: int
+    period: float
+
+    def start(self) -> Point:
+        return Point(self.atoms.off(), np.zeros(len(self.atoms.joint_names)), np.zeros(len(BODY_CHANNELS)))
+
+    def drive_residual(self, points: list[Point]) -> np.ndarray | None:
+        """(H, T, J, 3) in units of the floor."""
+        if self.drive is None:
+            return None
+        return self.drive.residual(np.stack([p.x for p in points]), np.stack([p.shift for p in points]))
+
+    def body_residual(self, points: list[Point]) -> np.ndarray | None:
+        """(H, N, 26) in units of the floor."""
+        if self.body is None:
+            return None
+        r = self.body.residual(np.stack([p.x for p in points]))
+        return r - np.stack([p.offset for p in points])[:, None] * self.body.used[None]
+
+    def block_of_drive(self) -> np.ndarray:
+        return np.minimum((np.arange(self.drive.rows) * self.period / BLOCK).astype(int), self.blocks - 1)
+
+    def block_of_body(self) -> np.ndarray:
+        first = filter_window(self.period) // 2
+        time = (first + DECIMATION * np.arange(len(self.body.used))) * self.period
+        return np.minimum((time / BLOCK).astype(int), self.blocks - 1)
+
+    def chi2(self, points: list[Point]) -> np.ndarray:
+        """Sum of squared residuals, body rows thinned to independent ones: (H, blocks)."""
+        total = np.zeros((len(points), self.blocks))
+        if self.drive is not None:
+            r = self.drive_residual(points)
+            total += _sum_blocks((r**2).sum((2, 3)), self.block_of_drive(), self.blocks)
+        if self.body is not None:
+            r = self.body_residual(points) / np.sqrt(self.body.tau)
+            total += _sum_blocks((r**2).sum(2), self.block_of_body(), self.blocks)
+        return total
+
+    def weight(self) -> np.ndarray:
+        """Expected chi^2 of noise alone per block (blocks,)."""
+        total = np.zeros(self.blocks)
+        if self.drive is not None:
+            ones = np.full(self.drive.rows, 3.0 * len(self.atoms.joint_names))
+            total += _sum_blocks(ones[None], self.block_of_drive(), self.blocks)[0]
+        if self.body is not None:
+            total += _sum_blocks((self.body.used / self.body.tau).sum(1)[None], self.block_of_body(), self.blocks)[0]
+        return total
+
+    def products(self, at: Point, changes: list[Change]) -> Products:
+        """Inner products of the features of `changes`, of this log's own nuisances and of the residual at a point."""
+        sizes = [self.atoms.of(c.effect.name)[0].size for c in changes]
+        start = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+        joints, channels = len(self.atoms.joint_names), len(BODY_CHANNELS)
+        shift0, offset0 = start[-1], start[-1] + joints
+        width = offset0 + channels + 1
+        gram = np.zeros((self.blocks, width, width))
+        if self.drive is not None:
+            self._drive_products(gram, at, changes, start, shift0)
+        if self.body is not None:
+            self._body_products(gram, at, changes, start, sizes, offset0)
+        prior = np.zeros(width)
+        prior[shift0:offset0] = 1.0  # the shift column is scaled to its standard deviation
+        prior[offset0 : offset0 + channels] = 1.0
+        return Products(gram, tuple(start[:-1]), tuple(range(shift0, offset0 + channels)), prior)
+
+    def _drive_products(self, gram, at: Point, changes, start, shift0) -> None:
+        base = at.x
+        points = [at, at._replace(shift=at.shift + SHIFT_STEP)]
+        points += [at._replace(x=self._changed(base, change)) for change in changes]
+        r = self.drive_residual(points)
+        joints = r.shape[2]
+        columns = np.concatenate([r[2:] - r[:1], (r[1:2] - r[:1]) * (3 * 5e-5 / SHIFT_STEP), r[:1]])
+        block = self.block_of_drive()
+        for j in range(joints):
+            here = [s + j if self._on_joints(c) else -1 for s, c in zip(start, changes)] + [shift0 + j, gram.shape[1] - 1]
+            kept = [i for i, place in enumerate(here) if place >= 0]
+            index = np.array([here[i] for i in kept])
+            part = columns[kept][:, :, j]
+            for b in range(self.blocks):
+                m = part[:, block == b].reshape(len(kept), -1).astype(float)
+                gram[b][np.ix_(index, index)] += m @ m.T
+
+    def _body_products(self, gram, at: Point, changes, start, sizes, offset0) -> None:
+        points, index = [at], []
+        for change, first, size in zip(changes, start, sizes):
+            for i in range(size):
+                points.append(at._replace(x=self._changed(at.x, change, i)))
+                index.append(first + i)
+        r = self.body_residual(points) / np.sqrt(self.body.tau)
+        scale = np.array([MODEL_ERROR[kind] for kind in KIND]) / self.body.floor / np.sqrt(self.body.tau)
+        offsets = np.einsum("nc,cd->cnd", self.body.used, np.diag(-scale))
+        columns = np.concatenate([r[1:] - r[:1], offsets, r[:1]]).astype(float)
+        index = np.array([*index, *range(offset0, offset0 + len(scale)), gram.shape[1] - 1])
+        block = self.block_of_body()
+        for b in range(self.blocks):
+            m = columns[:, block == b].reshape(len(columns), -1)
+            gram[b][np.ix_(index, index)] += m @ m.T
+
+    def _changed(self, x: np.ndarray, change: Change, place: int | None = None) -> np.ndarray:
+        """x with a change added: strengths move by it, shapes are set, at every place of its axis or at one."""
+        x = x.copy()
+        values = change.values()
+        for column in self.atoms.of(change.effect.name):
+            if column.parameter.name in values:
+                here = slice(column.start, column.start + column.size)
+                here = here if place is None else column.start + place
+                moved = x[here] + values[column.parameter.name]
+                x[here] = moved if column.parameter.name == change.strength else values[column.parameter.name]
+        return x
+
+    def _on_joints(self, change: Change) -> bool:
+        return change.effect.axis == "joint"
+
+
+def _sum_blocks(rows: np.ndarray, block: np.ndarray, blocks: int) -> np.ndarray:
+    total = np.zeros((len(rows), blocks))
+    for lane, row in enumerate(rows):
+        total[lane] = np.bincount(block, row, minlength=blocks)
+    return total
+
+
+def gather(
+    log: Log, model: Model, effects: Mapping[str, Effect], noise: Mapping[str, float]
+) -> Evidence:
+    """Everything that a log of the robot says; the model's own effects are among `effects`. Raises UserError."""
+    if model.numbers is None:
+        raise UserError(f"{log.name} is a log of the robot, but the model is a single joint.")
+    numbers = model.numbers.model_dump(mode="json")
+    atoms = Atoms(tuple(effects.values()), log.joint_names)
+    blocks = max(int(log.rows * log.sample_period / BLOCK), 1)
+    drive = body = None
+    if has_drives(log):
+        params, periods = params_from_numbers(numbers), periods_from_numbers(numbers)
+        drive = drive_evidence(atoms, params, periods, drive_log(log), log.sample_period, noise)
+    if log.joints("joint_torque") is not None:
+        bodies = make_bodies(model.numbers)
+        body = body_evidence(atoms, bodies, bodies.params, log, noise)
+    if drive is None and body is None:
+        raise UserError(f"{log.name} shows neither drives (commands and motor positions) nor joint torques: log them.")
+    return Evidence(log.name, atoms, drive, body, blocks, log.sample_period)
+
+
+__all__ = ["BODY_CHANNELS", "DRIVE_CHANNELS", "Evidence", "Point", "gather"]

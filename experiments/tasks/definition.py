@@ -1,0 +1,106 @@
+"""A task's definition as a file: parameters with unit and bounds, cost weights, stages of the search."""
+
+from collections.abc import Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from es import Parameter, ParameterSpace
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from experiments.errors import UserError
+from experiments.files import read_json
+
+MAX_BYTES = 1_000_000
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ParameterDefinition(_Strict):
+    """One searched number."""
+
+    name: Annotated[str, Field(max_length=80)]
+    unit: str
+    low: FiniteFloat
+    high: FiniteFloat
+    initial: FiniteFloat
+
+
+class StageDefinition(_Strict):
+    """One stage of the search: how faithful the plant is, and for how long."""
+
+    name: Annotated[str, Field(max_length=80)]
+    drive: Literal["ideal", "cheap", "full"]
+    generations: Annotated[int, Field(ge=1, le=100_000)]
+    torque_limit: Annotated[float, Field(gt=0, le=100)] = 1.0  # factor on the joint torque limits of the ideal drive
+    sigma_floor: Annotated[float, Field(ge=0, le=1)] = 0.0
+    perturbed: bool = False  # candidates meet the task's perturbations, the same ones in one generation
+    trials: Annotated[int, Field(ge=1, le=10_000)] = 1  # per candidate
+
+
+class TaskDefinition(_Strict):
+    """The contents of a task file. `settings` are the task's own fixed numbers."""
+
+    task: str
+    about: str = ""
+    duration: Annotated[float, Field(gt=0, le=120)]
+    parameters: tuple[ParameterDefinition, ...]
+    weights: dict[str, FiniteFloat]
+    settings: dict[str, Any] = {}
+    population: Annotated[int, Field(ge=4, le=1_000_000)] = 15
+    sigma: Annotated[float, Field(gt=0, lt=1)] = 0.2
+    stages: tuple[StageDefinition, ...]
+    perturbations: dict[str, Any] = {}
+
+    def space(self) -> ParameterSpace:
+        """The parameters as a search space."""
+        return ParameterSpace(tuple(Parameter(p.name, p.unit, p.low, p.high, p.initial) for p in self.parameters))
+
+    def with_generations(self, total: int) -> "TaskDefinition":
+        """The stages shortened or stretched to `total` generations, in proportion, one at least."""
+        if total < len(self.stages):
+            raise UserError(f"{total} generations are too few: this task has {len(self.stages)} stages; give it more.")
+        now = sum(stage.generations for stage in self.stages)
+        counts = [max(1, total * stage.generations // now) for stage in self.stages]
+        counts[-1] += total - sum(counts)
+        stages = [s.model_copy(update={"generations": n}) for s, n in zip(self.stages, counts, strict=True)]
+        return self.model_copy(update={"stages": tuple(stages)})
+
+
+def task_names() -> tuple[str, ...]:
+    """The tasks that come with the program."""
+    folder = resources.files("experiments.tasks")
+    return tuple(sorted(item.name.removesuffix(".json") for item in folder.iterdir() if item.name.endswith(".json")))
+
+
+def load_task(name_or_file: str) -> TaskDefinition:
+    """A task by name, or from the user's own file ending in .json. Raises UserError."""
+    if name_or_file.endswith(".json"):
+        return parse_task(read_json(Path(name_or_file), MAX_BYTES), name_or_file)
+    if name_or_file not in task_names():
+        raise UserError(f"No task '{name_or_file}'; the tasks are {', '.join(task_names())}, or give a .json file.")
+    with resources.as_file(resources.files("experiments.tasks") / f"{name_or_file}.json") as path:
+        return parse_task(read_json(path, MAX_BYTES), path.name)
+
+
+def parse_task(content: Any, source: str) -> TaskDefinition:
+    """Check a task file's content; raises UserError naming the key."""
+    try:
+        definition = TaskDefinition.model_validate(content)
+        definition.space()
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"]) or "the file"
+        raise UserError(f"{source}: {place}: {first['msg']}.") from None
+    except ValueError as error:
+        raise UserError(f"{source}: {error}.") from None
+    return definition
+
+
+def check_weights(weights: Mapping[str, float], known: tuple[str, ...], task: str) -> None:
+    """Every cost term has a weight, and no other does. Raises UserError."""
+    unknown, missing = set(weights) - set(known), set(known) - set(weights)
+    if unknown or missing:
+        raise UserError(f"Task {task}: its cost terms are {', '.join(known)}; correct the key '{min(unknown | missing)}'.")

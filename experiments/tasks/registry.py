@@ -1,0 +1,27 @@
+"""Which module brings which task."""
+
+from collections.abc import Mapping
+
+from experiments.errors import UserError
+from experiments.model import Model
+from experiments.rollout import Task
+from experiments.tasks import squat_jump
+from experiments.tasks.definition import TaskDefinition
+
+MODULES: Mapping[str, object] = {"squat_jump": squat_jump}
+
+
+def make_task(definition: TaskDefinition, model: Model) -> Task:
+    """The task of a definition on a robot. Raises UserError."""
+    return module_of(definition.task).make_task(definition, model)
+
+
+def metric_units(task: str) -> Mapping[str, str]:
+    """Units of the task's metrics."""
+    return module_of(task).METRIC_UNITS
+
+
+def module_of(task: str):
+    if task not in MODULES:
+        raise UserError(f"No task '{task}'; the tasks are {', '.join(MODULES)}.")
+    return MODULES[task]
