@@ -1,7 +1,7 @@
 """The look that all figures share: colours, layout, phases of a motion in the background."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -67,11 +67,15 @@ def phase_spans(time: np.ndarray, phase: np.ndarray, names: Sequence[str]) -> li
     return [(names[int(phase[a])], float(time[a]), float(time[b - 1]) + step) for a, b in itertools.pairwise(starts)]
 
 
-def shade_phases(figure: go.Figure, spans: Sequence[tuple[str, float, float]], *, column: int = 1) -> None:
+def shade_phases(
+    figure: go.Figure, spans: Sequence[tuple[str, float, float]], *, column: int = 1, labels: bool = True
+) -> None:
     """Every other phase as a grey band behind a column of subplots, the names along its top."""
     for n, (name, start, end) in enumerate(spans):
         if n % 2:
             figure.add_vrect(x0=start, x1=end, fillcolor=BAND, line_width=0, layer="below", row="all", col=column)
+        if not labels:
+            continue
         figure.add_annotation(
             x=(start + end) / 2,
             y=1,
@@ -82,24 +86,3 @@ def shade_phases(figure: go.Figure, spans: Sequence[tuple[str, float, float]], *
             col=column,
             font={"size": 11},
         )
-
-
-def bars(values: Mapping[str, float], *, unit: str, height: int | None = None) -> go.Figure:
-    """Signed horizontal bars, the largest on top; below zero is good (a cost), above is bad."""
-    names = sorted(values, key=lambda name: abs(values[name]))
-    numbers = [values[name] for name in names]
-    figure = new_figure(height=height or 90 + 26 * len(names))
-    figure.add_bar(
-        x=numbers,
-        y=names,
-        orientation="h",
-        marker={"color": [GREEN if value < 0 else ORANGE for value in numbers]},
-        text=[f"{value:.3g}".replace("-", "\N{MINUS SIGN}") for value in numbers],
-        textposition="outside",
-        cliponaxis=False,
-        hovertemplate=f"%{{x:.4~g}} {unit}<extra></extra>",
-    )
-    figure.update_layout(hovermode="closest", margin={"t": 16, "r": 60}, bargap=0.35)
-    figure.update_xaxes(title=unit)
-    figure.update_yaxes(showgrid=False)
-    return figure

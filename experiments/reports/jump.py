@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from experiments.parameter_file import ParameterFile
-from experiments.reports import jump_figures
-from experiments.reports.figures import bars
+from experiments.reports import motion_figures, search_figures
+from experiments.reports.figures import phase_spans
 from experiments.reports.page import (
     Block,
     Card,
@@ -25,13 +25,21 @@ from experiments.reports.page import (
     write_report,
 )
 from experiments.reports.playback import Playback, Track
-from experiments.reports.recording import SATURATIONS, History, JumpRecord, Sensitivity, saturations
+from experiments.reports.recording import (
+    JUMP_PHASES,
+    SATURATIONS,
+    History,
+    JumpRecord,
+    Sensitivity,
+    saturations,
+)
 from mjx_starleth.names import JOINTS
 from mjx_starleth.numbers import RobotNumbers
 
 PAPER_APEX = 0.76  # m, 150 % of the leg's length (paper VI.B)
 SNAPSHOTS = 8
 AFTER_LANDING = 0.35  # s of landing and standing that the strip of pictures shows
+AFTER_TAKE_OFF = 0.03  # s of the flight shown where the launch is the subject
 
 # metric: (label, factor to the unit shown, unit shown, format)
 HEADLINES = {
@@ -130,10 +138,9 @@ def _summary(file: ParameterFile, numbers: RobotNumbers, record: JumpRecord, ide
     elif landed is not None:
         text += " It does not land and stand still."
     if ideal is not None:
-        text += (
-            f" With a perfect torque source in place of the drives the same parameters would reach {ideal.apex:.2f} m:"
-            f" {100 * (ideal.apex - record.apex):.0f} cm are lost to motors, gears and springs."
-        )
+        gain = round(100 * (ideal.apex - record.apex))
+        text += f" With a perfect torque source in place of the drives the same parameters reach {ideal.apex:.2f} m"
+        text += f": {gain} cm are lost to motors, gears and springs." if gain > 0 else "."
     return text
 
 
@@ -141,6 +148,8 @@ def _motion(numbers: RobotNumbers, record: JumpRecord, ideal: JumpRecord | None)
     tracks = [Track(record.drive, record.q, record.contact_force)]
     if ideal is not None and len(ideal.time) == len(record.time):
         tracks.append(Track(f"Ghost on the {ideal.drive} drive", ideal.q, ideal.contact_force))
+    motions = [record] if ideal is None else [record, ideal]
+    desired = np.where(record.phase == JUMP_PHASES.index("flight"), np.nan, record.desired_height)
     apex_time = float(record.time[record.q[:, 2].argmax()])
     lines = "Thin lines: the left fore foot." + (
         "" if ideal is None else " Orange: the same parameters without drive train."
@@ -153,17 +162,21 @@ def _motion(numbers: RobotNumbers, record: JumpRecord, ideal: JumpRecord | None)
             "The jump, to be played and turned. Arrows are contact forces, green well inside the friction cone, yellow "
             "from 80 % of it, red at its edge. Below, the robot from its right side at equal steps of time, the height "
             "of the torso, and which feet are on the ground.",
-            spans=jump_figures.spans(record),
+            spans=_phases(record),
             snapshots=_snapshot_times(record),
             poster=apex_time,
         ),
         Figure(
-            jump_figures.heights(record, ideal, numbers.bodies.foot.radius),
-            f"Height of the torso and of the left fore foot. {lines} Desired is what the parameters ask for during the "
-            "launch. Click to move the playback there.",
+            motion_figures.heights(motions, desired, _phases(record), numbers.bodies.foot.radius),
+            f"Height of the torso and of the left fore foot. {lines} Desired is what the parameters ask for in the "
+            "launch, and the safe landing after it. Click to move the playback there.",
             time_axis=True,
         ),
     ]
+
+
+def _phases(record: JumpRecord) -> list[tuple[str, float, float]]:
+    return phase_spans(record.time, record.phase, JUMP_PHASES)
 
 
 def _snapshot_times(record: JumpRecord) -> list[float]:
@@ -189,7 +202,7 @@ def _drive(numbers: RobotNumbers, record: JumpRecord) -> list[Block]:
         rows.append([joint, *(percent(share) for share in shares), number(current), number(voltage)])
     return [
         Figure(
-            jump_figures.gear_velocities(record, numbers),
+            motion_figures.gear_velocities(record, numbers, float(record.time[record.take_off]) + AFTER_TAKE_OFF),
             "Gear velocities of the left fore leg until take-off: what the torque loop desires, what remains after "
             "the limits of speed and power, and what the motor reaches. Bars below mark where a limit of the drive "
             f"holds the joint back. RMS between commanded and reached, all legs: {joints} rad/s.",
@@ -202,9 +215,9 @@ def _drive(numbers: RobotNumbers, record: JumpRecord) -> list[Block]:
             numeric=range(1, 7),
         ),
         Figure(
-            jump_figures.joint_torques(record, numbers, jump_figures.spans(record)),
-            "Joint torques behind the springs, with the signs of the left fore leg; dashed red, the limits that the "
-            "controller keeps. In flight and landing the joints are in position mode.",
+            motion_figures.joint_torques(record, numbers, _phases(record)),
+            "Joint torques behind the springs, with the signs of the left fore leg; dashed red, the limits of what "
+            "the controller asks for; the knee’s end stop may carry more. In flight the joints are in position mode.",
             time_axis=True,
         ),
     ]
@@ -213,7 +226,7 @@ def _drive(numbers: RobotNumbers, record: JumpRecord) -> list[Block]:
 def _ground(numbers: RobotNumbers, record: JumpRecord) -> list[Block]:
     return [
         Figure(
-            jump_figures.contact_forces(record, numbers, jump_figures.spans(record)),
+            motion_figures.contact_forces(record, numbers, _phases(record)),
             "Contact forces. Left, normal force of each foot and how much of the friction cone is used (a foot that "
             f"carries less than {numbers.contact.contact_flag_force:g} N is left out); right, every sample in the "
             f"plane of the cone, μ = {numbers.contact.friction:g}. A point on the dashed line is a foot that slips.",
@@ -226,14 +239,14 @@ def _search(file: ParameterFile, history: History | None, sensitivities: Sequenc
     if history is not None:
         blocks.append(
             Figure(
-                jump_figures.convergence(history),
+                search_figures.convergence(history),
                 "Convergence. Each stage makes the model harder and starts where the last ended; costs of different "
                 "stages do not compare. The axis is scaled to the good candidates: a fall costs far more.",
             )
         )
     blocks.append(
         Figure(
-            bars(file.cost_terms, unit="cost"),
+            search_figures.bars(file.cost_terms, unit="cost"),
             "What the cost of the best jump is made of, weights included: below zero is gain, above zero is penalty.",
         )
     )
@@ -246,7 +259,7 @@ def _search(file: ParameterFile, history: History | None, sensitivities: Sequenc
     if sensitivities:
         blocks.append(
             Figure(
-                jump_figures.tornado(sensitivities, "m"),
+                search_figures.tornado(sensitivities, "m"),
                 "Change of the apex height when one number at a time is changed: what limits the jump stands on top.",
             )
         )

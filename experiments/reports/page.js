@@ -8,7 +8,7 @@
     const axis = {
       gridcolor: colour("--grid"), linecolor: colour("--faint"), zerolinecolor: colour("--rule"),
       tickcolor: colour("--faint"), ticks: "outside", ticklen: 4, showline: true, automargin: true,
-      title: { standoff: 8 },
+      title: { standoff: 8, font: { size: 13 } },
     };
     return {
       layout: {

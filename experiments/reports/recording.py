@@ -48,7 +48,7 @@ class Recording:
             value = getattr(self, f.name)
             if f.name == "drive":
                 continue
-            array = np.asarray(value, None if f.name == "phase" else np.float64)
+            array = np.asarray(value, np.int64 if f.name == "phase" else np.float64)
             expected = samples if f.name == "time" else samples + _SHAPES.get(f.name, (12,))
             if array.shape != expected:
                 raise ValueError(f"{f.name} of a recording has the shape {array.shape}, not {expected}.")
@@ -61,7 +61,7 @@ class Recording:
 class JumpRecord(Recording):
     """A recorded squat jump."""
 
-    desired_height: np.ndarray  # (T,) of the torso, m; NaN where nothing is desired
+    desired_height: np.ndarray  # (T,) of the torso, m; not shown in flight, may be NaN there
     phase: np.ndarray  # (T,) index into JUMP_PHASES
 
     @property

@@ -9,13 +9,13 @@
   // The robot at some times from its right side, all at one scale, as in a sequence of photographs.
   function paintStrip(canvas, layer, track, scene, colours) {
     const ctx = canvas.getContext("2d"), height = canvas.clientHeight;
-    const width = canvas.clientWidth / scene.snapshots.length;
+    const width = canvas.clientWidth / scene.snapshots.length, shown = scene.top + 0.16;
     ctx.clearRect(0, 0, canvas.clientWidth, height);
     scene.snapshots.forEach((time, n) => {
       const pose = track.pose(time / scene.period, scene.hips), below = scene.ground.below(pose.position);
-      const view = { azimuth: -Math.PI / 2 + 0.22, elevation: 0.1, distance: 4.2, target: add(below, [0, 0, 0.45 * scene.rod]) };
+      const view = { azimuth: -Math.PI / 2 + 0.22, elevation: 0.1, distance: 4.2, target: add(below, [0, 0, 0.45 * shown]) };
       const camera = new Camera(view, n * width, 0, width, height - 20);
-      camera.focal = view.distance * Math.min(0.86 * (height - 22) / scene.rod, 1.1 * width);
+      camera.focal = view.distance * Math.min(0.86 * (height - 22) / shown, 1.1 * width);
       const edges = [-1, 1].map((x) => camera.project(add(below, times(camera.right, 0.5 * x * width * view.distance / camera.focal))));
       ctx.strokeStyle = colours.line;
       ctx.lineWidth = 1;
@@ -106,7 +106,7 @@
       ctx.lineTo(x, foot);
       ctx.stroke();
       ctx.beginPath();
-      ctx.arc(x, 5, 4, 0, 2 * Math.PI);
+      ctx.arc(x, foot, 4, 0, 2 * Math.PI);
       ctx.fill();
     }
   }

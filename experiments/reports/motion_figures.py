@@ -1,4 +1,4 @@
-"""The figures of the squat jump's report (the paper's Fig. 5 and what else one asks of a jump)."""
+"""Figures of a recorded motion: heights, gear velocities with their limits, contact forces, joint torques."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -16,41 +16,29 @@ from experiments.reports.figures import (
     ORANGE,
     PURPLE,
     RED,
-    faded,
     line,
     new_figure,
-    phase_spans,
     shade_phases,
 )
-from experiments.reports.recording import (
-    JUMP_PHASES,
-    SATURATIONS,
-    History,
-    JumpRecord,
-    Recording,
-    Sensitivity,
-    saturations,
-)
+from experiments.reports.recording import SATURATIONS, Recording, saturations
 from mjx_starleth.names import JOINT_SIGN, JOINTS, LEGS
 from mjx_starleth.numbers import RobotNumbers
 
-DRIVE_COLOURS: Final = (BLUE, ORANGE)  # the drive of the run, the one it is compared with
+MOTION_COLOURS: Final = (BLUE, ORANGE)  # the motion, the one it is compared with
 SATURATION_COLOURS: Final = dict(zip(SATURATIONS, (RED, PURPLE, GOLD, GREEN), strict=True))
-AFTER_TAKE_OFF: Final = 0.03  # s shown of the flight when the launch is the subject
+_QUIET: Final = {"hoverinfo": "skip", "showlegend": False}
 
 
-def spans(record: JumpRecord) -> list[tuple[str, float, float]]:
-    """Phases of the jump: (name, start, end)."""
-    return phase_spans(record.time, record.phase, JUMP_PHASES)
-
-
-def heights(record: JumpRecord, other: JumpRecord | None, foot_radius: float) -> go.Figure:
-    """Torso and left fore foot over time, desired and reached (Fig. 5a)."""
+def heights(
+    motions: Sequence[Recording],
+    desired: np.ndarray,
+    phases: Sequence[tuple[str, float, float]],
+    foot_radius: float,
+) -> go.Figure:
+    """Torso and left fore foot of one or two motions over time, and the torso's desired height (T,) (Fig. 5a)."""
     figure = new_figure(height=420)
-    figure.add_trace(line(record.time, record.desired_height, "torso, desired", GREY, dash="dash", unit="m"))
-    for motion, colour in zip((record, other), DRIVE_COLOURS):
-        if motion is None:
-            continue
+    figure.add_trace(line(motions[0].time, desired, "torso, desired", GREY, dash="dash", unit="m"))
+    for motion, colour in zip(motions, MOTION_COLOURS):
         torso, foot = motion.q[:, 2], motion.foot_position[:, 0, 2] - foot_radius
         figure.add_trace(line(motion.time, torso, f"torso, {motion.drive} drive", colour, width=2.4, unit="m"))
         figure.add_trace(line(motion.time, foot, f"LF foot, {motion.drive} drive", colour, width=1.2, unit="m"))
@@ -62,14 +50,14 @@ def heights(record: JumpRecord, other: JumpRecord | None, foot_radius: float) ->
             font={"color": colour, "size": 13},
             yshift=12,
         )
-    shade_phases(figure, spans(record))
-    figure.update_xaxes(title="time [s]", range=[0, float(record.time[-1])])
+    shade_phases(figure, phases)
+    figure.update_xaxes(title="time [s]", range=[0, float(motions[0].time[-1])])
     figure.update_yaxes(title="height above the ground [m]", rangemode="tozero")
     return figure
 
 
-def gear_velocities(record: JumpRecord, numbers: RobotNumbers, leg: int = 0) -> go.Figure:
-    """Desired, commanded and reached gear velocity of one leg until take-off, limits marked below (Fig. 5b)."""
+def gear_velocities(record: Recording, numbers: RobotNumbers, end: float, leg: int = 0) -> go.Figure:
+    """Desired, commanded and reached gear velocity of one leg until `end` [s], limits marked below (Fig. 5b)."""
     figure = new_figure(
         2,
         3,
@@ -80,7 +68,7 @@ def gear_velocities(record: JumpRecord, numbers: RobotNumbers, leg: int = 0) -> 
         horizontal_spacing=0.05,
         subplot_titles=[f"{LEGS[leg]} {joint}" for joint in JOINTS],
     )
-    limit, end = numbers.loops.gear_speed_limit, float(record.time[record.take_off]) + AFTER_TAKE_OFF
+    limit = numbers.loops.gear_speed_limit
     shown = record.time <= end
     time, limited = record.time[shown], saturations(record, numbers)
     signals = {
@@ -172,7 +160,7 @@ def contact_forces(
         )
     most = 1.06 * max(float(force_n.max()), threshold)
     cone = {"x": [0, most], "y": [0, mu * most]}
-    figure.add_scatter(**cone, mode="lines", line={"color": RED, "dash": "dash", "width": 1.2}, **_quiet, row=1, col=2)
+    figure.add_scatter(**cone, mode="lines", line={"color": RED, "dash": "dash", "width": 1.2}, **_QUIET, row=1, col=2)
     figure.add_scatter(
         x=[0, most, 0],
         y=[0, mu * most, mu * most],
@@ -180,7 +168,7 @@ def contact_forces(
         fillcolor=FORBIDDEN,
         line_width=0,
         mode="lines",
-        **_quiet,
+        **_QUIET,
         row=1,
         col=2,
     )
@@ -194,9 +182,6 @@ def contact_forces(
     figure.update_yaxes(title="tangential force |f<sub>t</sub>| [N]", range=[0, mu * most], row=1, col=2)
     figure.update_xaxes(showticklabels=True, row=1, col=2)
     return figure
-
-
-_quiet: Final = {"hoverinfo": "skip", "showlegend": False}
 
 
 def joint_torques(record: Recording, numbers: RobotNumbers, phases: Sequence[tuple[str, float, float]]) -> go.Figure:
@@ -216,78 +201,8 @@ def joint_torques(record: Recording, numbers: RobotNumbers, phases: Sequence[tup
         for edge, beyond in ((high, top + room), (low, bottom - room)):
             figure.add_hrect(*sorted((edge, beyond)), fillcolor=FORBIDDEN, line_width=0, layer="below", **place)
             figure.add_hline(edge, line={"color": RED, "dash": "dash", "width": 1.2}, **place)
-        for n, (_, start, end) in enumerate(phases):
-            if n % 2:
-                figure.add_vrect(x0=start, x1=end, fillcolor=faded(GREY, 0.09), line_width=0, layer="below", **place)
+        shade_phases(figure, phases, column=k + 1, labels=False)
         figure.update_yaxes(range=[bottom - room, top + room], **place)
         figure.update_xaxes(title="time [s]", range=[0, float(record.time[-1])], **place)
     figure.update_yaxes(title="joint torque [N m]", row=1, col=1)
-    return figure
-
-
-def convergence(history: History) -> go.Figure:
-    """Cost over generations: best so far, the generations' best, mean and spread, the stages (Fig. 5c)."""
-    figure = new_figure(height=390)
-    generation = np.arange(1, len(history.best) + 1)
-    for n, stage in enumerate(np.unique(history.stage)):
-        here, shown = history.stage == stage, {"showlegend": n == 0}
-        x, mean, std = generation[here], history.mean[here], history.std[here]
-        figure.add_scatter(
-            x=np.concatenate([x, x[::-1]]),
-            y=np.concatenate([mean + std, (mean - std)[::-1]]).astype(np.float32),
-            fill="toself",
-            fillcolor=faded(GREY, 0.22),
-            line_width=0,
-            mode="lines",
-            name="mean ± standard deviation",
-            legendgroup="spread",
-            hoverinfo="skip",
-            **shown,
-        )
-        figure.add_trace(line(x, mean, "generation's mean", GREY, width=1.3, legendgroup="mean", **shown))
-        best = line(x, history.best_so_far[here], "best so far in the stage", BLUE, width=2.4, legendgroup="best")
-        figure.add_trace(best.update(line_shape="hv", **shown))
-    figure.add_scatter(
-        x=generation,
-        y=history.best.astype(np.float32),
-        mode="markers",
-        marker={"color": ORANGE, "size": 4},
-        name="generation's best",
-        hovertemplate="%{y:.4~g}",
-    )
-    # a fall costs a hundred times more than a good jump: scale the axis to the good ones
-    low = float(history.best.min())
-    high = float(np.quantile(np.concatenate([history.mean, history.best_so_far]), 0.9))
-    room = 0.08 * (high - low) + 1e-6
-    shade_phases(figure, _stage_spans(history))
-    figure.update_xaxes(title=f"generation (of {history.population} candidates)", range=[0.5, len(generation) + 0.5])
-    figure.update_yaxes(title="cost", range=[low - room, high + room])
-    return figure
-
-
-def _stage_spans(history: History) -> list[tuple[str, float, float]]:
-    generation = np.arange(0.5, len(history.best))
-    return phase_spans(generation, history.stage, history.stage_names)
-
-
-def tornado(sensitivities: Sequence[Sensitivity], unit: str) -> go.Figure:
-    """What a metric gains and loses when one number at a time goes down and up, the strongest on top."""
-    rows = sorted(sensitivities, key=lambda s: max(abs(s.change_low), abs(s.change_high)))
-    figure = new_figure(height=110 + 26 * len(rows))
-    for name, colour, change, label in (
-        ("number lowered", PURPLE, "change_low", "low"),
-        ("number raised", GREEN, "change_high", "high"),
-    ):
-        figure.add_bar(
-            x=[getattr(row, change) for row in rows],
-            y=[row.name for row in rows],
-            orientation="h",
-            name=name,
-            marker={"color": colour},
-            customdata=[getattr(row, label) for row in rows],
-            hovertemplate=f"%{{customdata}}: %{{x:+.3~g}} {unit}<extra></extra>",
-        )
-    figure.update_layout(barmode="overlay", hovermode="closest", bargap=0.35)
-    figure.update_xaxes(title=f"change [{unit}]", zeroline=True)
-    figure.update_yaxes(showgrid=False)
     return figure
