@@ -128,7 +128,6 @@ class ParameterFile(_Record):
             raise ValueError("a parameter stands in it twice")
         return self
 
-    @property
     def values(self) -> dict[str, float]:
         """Parameter values by name, in the file's order."""
         return {parameter.name: parameter.value for parameter in self.parameters}

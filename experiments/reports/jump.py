@@ -12,10 +12,7 @@ from experiments.reports.page import (
     Block,
     Card,
     Cards,
-    Code,
-    Columns,
     Figure,
-    Range,
     Section,
     Table,
     Text,
@@ -24,6 +21,7 @@ from experiments.reports.page import (
     percent,
     write_report,
 )
+from experiments.reports.parameters import one_line, parameter_table, provenance
 from experiments.reports.playback import Playback, Track
 from experiments.reports.recording import (
     JUMP_PHASES,
@@ -72,18 +70,9 @@ def write_jump_report(
         Section("The drive", _drive(numbers, record)),
         Section("The ground", _ground(numbers, record)),
         Section("The search", _search(file, history, sensitivities)),
-        Section("How to repeat it", _provenance(file)),
+        Section("How to repeat it", provenance(file)),
     ]
-    facts = [
-        file.robot,
-        f"{file.drive} drive",
-        " × ".join(str(file.search[name]) for name in ("generations", "population") if name in file.search)
-        + " candidates",
-        f"seed {file.seed}",
-        f"model {file.model_hash[:12]}",
-        file.created[:10],
-    ]
-    write_report(path, "Squat jump", " · ".join(facts), sections)
+    write_report(path, "Squat jump", one_line(file), sections)
 
 
 def leg_length(numbers: RobotNumbers) -> float:
@@ -250,12 +239,7 @@ def _search(file: ParameterFile, history: History | None, sensitivities: Sequenc
             "What the cost of the best jump is made of, weights included: below zero is gain, above zero is penalty.",
         )
     )
-    rows = [
-        [p.name, number(p.value, 4), p.unit, number(p.low), Range(p.value, p.low, p.high), number(p.high)]
-        for p in file.parameters
-    ]
-    caption = "The parameters. A red mark is a value at one of its bounds: widening them may pay."
-    blocks.append(Table(["Parameter", "Value", "Unit", "Low", "", "High"], rows, caption, numeric=(1, 3)))
+    blocks.append(parameter_table(file))
     if sensitivities:
         blocks.append(
             Figure(
@@ -264,23 +248,3 @@ def _search(file: ParameterFile, history: History | None, sensitivities: Sequenc
             )
         )
     return blocks
-
-
-def _provenance(file: ParameterFile) -> list[Block]:
-    facts = [
-        ("Task", file.task),
-        ("Robot", file.robot),
-        ("Model", file.model_hash),
-        ("Drive", file.drive),
-        ("Seed", str(file.seed)),
-        *((f"Search: {name}", number(v) if isinstance(v, float) else str(v)) for name, v in file.search.items()),
-        ("Created (UTC)", file.created),
-        ("Checksum of parameters.json", file.checksum),
-    ]
-    versions = [[name, version] for name, version in file.versions.items()]
-    computed = [Table(["Package", "Version"], versions, "What it was computed with.")]
-    if file.perturbed is not None:
-        rows = [[name, about] for name, about in file.perturbed.perturbations.items()]
-        trials = f"the {file.perturbed.trials} trials behind the spreads (seed {file.perturbed.seed})"
-        computed.append(Table(["Perturbation", "How much"], rows, f"What was perturbed in {trials}."))
-    return [Code(file.command), Columns([[Table(["", "This run"], facts, "What decides the result.")], computed])]

@@ -76,7 +76,7 @@ def test_round_trip(path):
     written = write_parameters(path, **fields())
     read = read_parameters(path, robot="starleth", model_hash="0123456789abcdef", task="squat_jump")
     assert read == written
-    assert read.values == {"height_knot_1": 0.31, "vertical_damping": 120}
+    assert read.values() == {"height_knot_1": 0.31, "vertical_damping": 120}
     assert read.metrics["landed"].value is True and read.metrics["apex_height"].spread.mean == 0.7
 
 

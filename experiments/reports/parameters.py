@@ -1,0 +1,49 @@
+"""What every report of a tuned motion says of its parameter file: the run in a line, the values, the provenance."""
+
+from experiments.parameter_file import ParameterFile
+from experiments.reports.page import Block, Code, Columns, Range, Table, number
+
+
+def one_line(file: ParameterFile) -> str:
+    """Robot, drive, size of the search, seed, model and day."""
+    size = [str(file.search[name]) for name in ("generations", "population") if name in file.search]
+    facts = [
+        file.robot,
+        f"{file.drive} drive",
+        *([" × ".join(size) + " candidates"] if size else []),
+        f"seed {file.seed}",
+        f"model {file.model_hash[:12]}",
+        file.created[:10],
+    ]
+    return " · ".join(facts)
+
+
+def parameter_table(file: ParameterFile) -> Table:
+    """Values, units, and where they lie between their bounds."""
+    rows = [
+        [p.name, number(p.value, 4), p.unit, number(p.low), Range(p.value, p.low, p.high), number(p.high)]
+        for p in file.parameters
+    ]
+    caption = "The parameters. A red mark is a value at one of its bounds: widening them may pay."
+    return Table(["Parameter", "Value", "Unit", "Low", "", "High"], rows, caption, numeric=(1, 3))
+
+
+def provenance(file: ParameterFile) -> list[Block]:
+    """The command that replays the motion, and all that decided the result."""
+    facts = [
+        ("Task", file.task),
+        ("Robot", file.robot),
+        ("Model", file.model_hash),
+        ("Drive", file.drive),
+        ("Seed", str(file.seed)),
+        *((f"Search: {name}", number(v) if isinstance(v, float) else str(v)) for name, v in file.search.items()),
+        ("Created (UTC)", file.created),
+        ("Checksum of parameters.json", file.checksum),
+    ]
+    versions = [[name, version] for name, version in file.versions.items()]
+    computed = [Table(["Package", "Version"], versions, "What it was computed with.")]
+    if file.perturbed is not None:
+        rows = [[name, about] for name, about in file.perturbed.perturbations.items()]
+        trials = f"the {file.perturbed.trials} trials behind the spreads (seed {file.perturbed.seed})"
+        computed.append(Table(["Perturbation", "How much"], rows, f"What was perturbed in {trials}."))
+    return [Code(file.command), Columns([[Table(["", "This run"], facts, "What decides the result.")], computed])]
