@@ -6,7 +6,9 @@ link gets the same spring torque over the same step, so that action and reaction
 
 from typing import NamedTuple
 
-from sea_jax.friction import Friction, gear_friction, stick_or_slip
+import jax.numpy as jnp
+
+from sea_jax.friction import gear_friction, stick_or_slip
 from sea_jax.hooks import apply_hooks
 from sea_jax.parameters import DriveParams
 from sea_jax.spring import spring_torque
@@ -41,11 +43,13 @@ def motor_step(
     """One step of signals.period; signals hold motor and link at its start, `current` (A) acts during it."""
     spring, signals, memory = spring_on_link(params, hooks, signals._replace(current=current), memory)
     motor, memory = apply_hooks(hooks, "motor_torque", params.torque_constant * current, signals, memory)
-    friction: Friction = gear_friction(params, coulomb, signals.motor_velocity)
+    friction = gear_friction(params, coulomb, signals.motor_velocity)
     friction, memory = apply_hooks(hooks, "friction", friction, signals, memory)
 
     per_torque = signals.period / (params.motor_inertia * params.gear_ratio)
     drive = motor - friction.smooth - spring / params.gear_ratio
-    velocity = stick_or_slip(signals.motor_velocity + per_torque * drive, per_torque * friction.coulomb)
+    # a hook may take more from the level than there is, and friction must not push
+    level = jnp.maximum(friction.coulomb, 0.0)
+    velocity = stick_or_slip(signals.motor_velocity + per_torque * drive, per_torque * level)
     position = signals.motor_position + signals.period * velocity
     return MotorStep(position, velocity, spring, memory)

@@ -66,7 +66,9 @@ class DriveHooks(NamedTuple):
     """Functions spliced into the drive's equations, in order; each is closed over its own parameters.
 
     A hook takes (value, signals, memory) and returns (value, memory). `signals` is the NamedTuple `Signals`.
-    Once a control period: command, measurement. Once a current-loop period: the others.
+    Once a control period: command, measurement. Once a step of the motor (full drive: current-loop period), in
+    this order: supply_voltage, deflection, spring, motor_torque, friction. Deflection and spring are called once
+    more at the end of the period, for its end torque; that call's memory is not kept.
     """
 
     command: tuple[Hook, ...] = ()  # JointCommand -> JointCommand
@@ -79,7 +81,11 @@ class DriveHooks(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """What a hook may look at; zeros where a signal does not exist yet at the hook's point."""
+    """What a hook may look at; zeros where a signal does not exist yet at the hook's point.
+
+    From the spring on, `deflection` is what the deflection hooks left of it, `spring_torque` what the spring hooks
+    made of it, and `current` is the one that acts in this step.
+    """
 
     motor_position: Array  # gear output side, rad
     motor_velocity: Array  # gear output side, rad/s

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from drive_scenarios import PARAMS
+from drive_scenarios import NO_HOOKS, PARAMS
 from scipy.integrate import solve_ivp
 
 from sea_jax import DriveHooks, select_joints
@@ -19,7 +19,7 @@ HIP = select_joints(PARAMS, [0])
 FREE = HIP._replace(spring_stiffness=0.0 * HIP.spring_stiffness, spring_damping=0.0 * HIP.spring_damping)
 
 
-def spin(params, current, steps, velocity=0.0, radial_load=0.0):
+def spin(params, current, steps, velocity=0.0, radial_load=0.0, hooks=NO_HOOKS):
     """Velocities of a rotor under a current, A, after each step."""
     load = jnp.full(1, radial_load, jnp.float32)
     idle = no_signals(load, STEP)
@@ -27,9 +27,7 @@ def spin(params, current, steps, velocity=0.0, radial_load=0.0):
     def step(carry, _):
         position, velocity = carry
         signals = idle._replace(motor_position=position, motor_velocity=velocity)
-        after = motor_step(
-            params, DriveHooks(), signals, jnp.full(1, current, jnp.float32), coulomb_level(params, load), {}
-        )
+        after = motor_step(params, hooks, signals, jnp.full(1, current, jnp.float32), coulomb_level(params, load), {})
         return (after.position, after.velocity), (after.position, after.velocity)
 
     start = (jnp.zeros(1, jnp.float32), jnp.full(1, velocity, jnp.float32))
@@ -87,6 +85,12 @@ def test_run_up_with_cubic_friction_follows_the_differential_equation():
     _, velocities = spin(params, current, steps)
     assert n["friction_cubic"] * rotor[-1] ** 3 > 0.3 * n["torque_constant"] * current  # the cube matters
     np.testing.assert_allclose(velocities * n["gear_ratio"], rotor, rtol=0, atol=RELATIVE * rotor[-1] + rotor[0])
+
+
+def test_a_level_below_zero_does_not_push():
+    less = DriveHooks(friction=(lambda f, s, m: (f._replace(coulomb=f.coulomb - 1.0, smooth=0.0 * f.smooth), m),))
+    _, velocities = spin(FREE, 0.0, 100, velocity=0.5, hooks=less)
+    np.testing.assert_array_equal(velocities, 0.5)
 
 
 def test_parts_have_the_signs_of_a_brake():
