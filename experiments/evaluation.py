@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from sea_jax import with_torque_limits
 
 from experiments.batch import batched, in_slices
 from experiments.effects.effect import Effect
@@ -19,6 +18,7 @@ from experiments.sensing import DirectSensing, Sensing
 from experiments.tasks.definition import TaskDefinition
 from experiments.tasks.registry import make_task
 from experiments.trial import Trial, noise_table
+from sea_jax import with_torque_limits
 
 SLICE = 1024  # members on the host at a time: bounds memory whatever their number
 
@@ -76,12 +76,6 @@ class Evaluation:
             distribution=settings.distribution._replace(torque_limits=limits),
         )
         return params._replace(drive=with_torque_limits(params.drive, limits[:, 0], limits[:, 1])), settings
-
-
-def nominal_members(candidates: np.ndarray) -> Members:
-    """Each candidate once, nothing perturbed."""
-    candidates = np.asarray(candidates, np.float32)
-    return Members(candidates, {}, np.zeros(len(candidates), np.int32))
 
 
 def crossed(candidates: np.ndarray, numbers: Mapping[str, np.ndarray], noise_start: np.ndarray) -> Members:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from experiments.effects.compose import ActiveEffects, EffectNumbers, activate
+from experiments.effects.compose import ActiveEffects, EffectNumbers, activate, is_on
 from experiments.effects.effect import Effect
 from experiments.effects.library import LIBRARY
 from experiments.errors import UserError
@@ -75,6 +75,7 @@ class Plant:
     periods: LoopPeriods
     effects: ActiveEffects
     params: PlantParams
+    placed: tuple[str, ...] = ()  # `effect@place` of each effect
 
     def prepare(self, params: PlantParams) -> PlantParams:
         """Apply, once a rollout, the effects that change a number of the plant."""
@@ -106,9 +107,7 @@ class Plant:
             after.append(memory)
         return state._replace(sensor_memory=tuple(after) if state.sensor_memory else ()), measurement
 
-    def step(
-        self, params: PlantParams, state: PlantState, inputs: PlantInput
-    ) -> tuple[PlantState, PlantOutput]:
+    def step(self, params: PlantParams, state: PlantState, inputs: PlantInput) -> tuple[PlantState, PlantOutput]:
         """One control period: the drives move against the links' motion, then the links move under their torque.
 
         `params` comes from `prepare`.
@@ -133,9 +132,7 @@ class Plant:
                 wrench_W=inputs.wrench_W.at[:3].add(push) if self._has("torso_force") else inputs.wrench_W,
             ),
         )
-        state = PlantState(
-            bodies, drive, drive_output.end_torque, body_output.contact_force, state.sensor_memory
-        )
+        state = PlantState(bodies, drive, drive_output.end_torque, body_output.contact_force, state.sensor_memory)
         return state, PlantOutput(drive_output, body_output)
 
     def _has(self, hook: str) -> bool:
@@ -162,9 +159,7 @@ def link_motion(state: PlantState) -> JointMotion:
     return JointMotion(q[7:], u[6:], jnp.zeros_like(load), load)
 
 
-def make_plant(
-    model: Model, drive: str = "full", library: dict[str, Effect] = LIBRARY, **bodies_options: Any
-) -> Plant:
+def make_plant(model: Model, drive: str = "full", library: dict[str, Effect] = LIBRARY, **bodies_options: Any) -> Plant:
     """The plant of a model with one of the drives `full`, `cheap` or `ideal`. Raises UserError."""
     if drive not in DRIVES:
         raise UserError(f"No drive '{drive}'; choose one of {', '.join(DRIVES)}.")
@@ -174,7 +169,8 @@ def make_plant(
     bodies = make_bodies(model.numbers, **bodies_options)
     effects, effect_numbers = activate(model.effects, library)
     params = PlantParams(params_from_numbers(numbers), bodies.params, effect_numbers)
-    return Plant(bodies, drive, DRIVES[drive], periods_from_numbers(numbers), effects, params)
+    placed = tuple(f"{item.effect}@{item.where}" for item in model.effects if is_on(item, library))
+    return Plant(bodies, drive, DRIVES[drive], periods_from_numbers(numbers), effects, params, placed)
 
 
 __all__ = ["DriveHooks", "Plant", "PlantInput", "PlantOutput", "PlantParams", "PlantState", "make_plant"]

@@ -28,7 +28,9 @@ class Task(Protocol):
     ticks: int
     settings: Any
 
-    def start(self, plant: Plant, params: PlantParams, settings: Any, values: Array, trial: Trial) -> tuple[PlantState, Any]:
+    def start(
+        self, plant: Plant, params: PlantParams, settings: Any, values: Array, trial: Trial
+    ) -> tuple[PlantState, Any]:
         """Plant and controller at time zero for parameter values (n,)."""
 
     def control(
@@ -88,8 +90,7 @@ class Rollout:
         self, params: PlantParams, settings: Any, values: Array, trial: Trial, keep: Callable[[Tick], Any]
     ) -> tuple[Score, Any]:
         plant, task = self.plant, self.task
-        params = trial.apply(params)
-        params = plant.prepare(params)
+        params = plant.prepare(trial.apply(plant, params))
         state, controller = task.start(plant, params, settings, values, trial)
 
         def tick(carry, k):
@@ -104,9 +105,7 @@ class Rollout:
             alive = alive * _sane(after)
             after = jax.tree.map(lambda new, old: jnp.where(alive > 0, new, old), after, state)
             observed = Tick(time, state, after, robot, measurement, targets, info, output, alive)
-            tally = jax.tree.map(
-                lambda new, old: jnp.where(alive > 0, new, old), task.observe(tally, observed), tally
-            )
+            tally = jax.tree.map(lambda new, old: jnp.where(alive > 0, new, old), task.observe(tally, observed), tally)
             return (after, controller, sensing, tally, alive), keep(observed)
 
         first = (

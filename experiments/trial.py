@@ -8,8 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.effects.ground import _slope as tilt_ground
-from experiments.plant import PlantParams
+from experiments.effects.compose import EffectNumbers
+from experiments.effects.ground import tilt as tilt_ground
+from experiments.effects.places import mask
+from experiments.plant import Plant, PlantParams
 
 Array = jax.Array
 
@@ -84,13 +86,13 @@ PERTURBATIONS: Mapping[str, Perturbation] = MappingProxyType(
             "m/m",
             0.0,
             "rise of the ground along x",
-            _bodies(lambda b, x: tilt_ground(_XY(x, 0.0 * x), b, None)),
+            _bodies(lambda b, x: tilt_ground(_XY(x, 0.0 * x), b)),
         ),
         "slope_y": Perturbation(
             "m/m",
             0.0,
             "rise of the ground along y",
-            _bodies(lambda b, x: tilt_ground(_XY(0.0 * x, x), b, None)),
+            _bodies(lambda b, x: tilt_ground(_XY(0.0 * x, x), b)),
         ),
         "gear_friction": Perturbation(
             "1",
@@ -98,9 +100,7 @@ PERTURBATIONS: Mapping[str, Perturbation] = MappingProxyType(
             "gear friction, factor",
             _scale_drive("friction_coulomb", "friction_viscous", "friction_cubic"),
         ),
-        "spring_stiffness": Perturbation(
-            "1", 1.0, "spring stiffness, factor", _scale_drive("spring_stiffness")
-        ),
+        "spring_stiffness": Perturbation("1", 1.0, "spring stiffness, factor", _scale_drive("spring_stiffness")),
         "spring_damping": Perturbation("1", 1.0, "spring damping, factor", _scale_drive("spring_damping")),
         "torque_constant": Perturbation(
             "1",
@@ -143,12 +143,24 @@ class Trial(NamedTuple):
         """A disturbance of this trial, or its nominal value."""
         return self.numbers.get(name, jnp.float32(DISTURBANCES[name][1]))
 
-    def apply(self, params: PlantParams) -> PlantParams:
-        """The plant with this trial's perturbed numbers."""
+    def apply(self, plant: Plant, params: PlantParams) -> PlantParams:
+        """The plant's numbers with this trial's perturbed ones."""
         for name, value in self.numbers.items():
             if name in PERTURBATIONS:
                 params = PERTURBATIONS[name].apply(params, value)
+            elif "@" in name:
+                params = params._replace(effects=_set_effect(plant, params.effects, name, value))
         return params
+
+
+def _set_effect(plant: Plant, numbers: EffectNumbers, name: str, value: Array) -> EffectNumbers:
+    """`effect@place.parameter` set to a value where the effect acts."""
+    place, parameter = name.rsplit(".", 1)
+    index = plant.placed.index(place)
+    here = mask(place.split("@")[1], plant.effects.effects[index].axis)
+    old = numbers[index][parameter]
+    new = jnp.where(here.reshape(old.shape) > 0, value, old)
+    return (*numbers[:index], {**numbers[index], parameter: new}, *numbers[index + 1 :])
 
 
 def nominal_trial() -> Trial:

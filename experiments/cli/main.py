@@ -21,6 +21,7 @@ def main() -> None:
     """Entry point: a UserError is one sentence on stderr and exit code 2."""
     from experiments.cli import commands
 
+    app.callback()(lambda: None)
     commands.register(app)
     try:
         app()

@@ -47,9 +47,7 @@ class ActiveEffects:
 
     def drive_hooks(self, numbers: EffectNumbers) -> DriveHooks:
         """What the effects splice into the drive. Sensor effects act in the plant, before any controller."""
-        return DriveHooks(
-            **{hook: self.hooks(hook, numbers) for hook in DRIVE_HOOKS if hook != "measurement"}
-        )
+        return DriveHooks(**{hook: self.hooks(hook, numbers) for hook in DRIVE_HOOKS if hook != "measurement"})
 
     def memory(self, joints: int = len(JOINT_NAMES)) -> dict[str, tuple[Array, ...]]:
         """Initial memory of the hooks of the drive."""
@@ -80,15 +78,17 @@ def spread(
     return spread_values
 
 
+def is_on(placed: Any, library: Mapping[str, Effect]) -> bool:
+    """Whether any strength of a placed effect differs from zero."""
+    values = placed.values()
+    return any(values.get(parameter.name, 0.0) != 0.0 for parameter in library[placed.effect].strengths)
+
+
 def activate(
     placed: Iterable[Any], library: Mapping[str, Effect], joint_names: Sequence[str] = JOINT_NAMES
 ) -> tuple[ActiveEffects, EffectNumbers]:
-    """Static and numeric half of a model's effects. An effect whose strengths are all zero is left out whole,
-    so that it changes no bit of a rollout."""
-    active, numbers = [], []
-    for item in placed:
-        effect, values = library[item.effect], item.values()
-        if any(values.get(parameter.name, 0.0) != 0.0 for parameter in effect.strengths):
-            active.append(effect)
-            numbers.append(spread(effect, item.where, values, joint_names))
-    return ActiveEffects(tuple(active)), tuple(numbers)
+    """Static and numeric half of a model's effects. An effect that is off is left out whole, so that it changes
+    no bit of a rollout."""
+    on = [item for item in placed if is_on(item, library)]
+    numbers = tuple(spread(library[item.effect], item.where, item.values(), joint_names) for item in on)
+    return ActiveEffects(tuple(library[item.effect] for item in on)), numbers

@@ -47,9 +47,7 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if not self.low <= self.start <= self.high:
-            raise ValueError(
-                f"parameter {self.name}: start {self.start} lies outside [{self.low}, {self.high}]"
-            )
+            raise ValueError(f"parameter {self.name}: start {self.start} lies outside [{self.low}, {self.high}]")
         if self.role == "strength" and not self.low <= 0.0 <= self.high:
             raise ValueError(f"parameter {self.name}: a strength must be able to be zero")
 
@@ -81,9 +79,7 @@ class Effect:
     def __post_init__(self) -> None:
         unknown = set(self.equations) - set(HOOKS)
         if unknown:
-            raise ValueError(
-                f"effect {self.name}: no hook {sorted(unknown)}; the hooks are {', '.join(HOOKS)}"
-            )
+            raise ValueError(f"effect {self.name}: no hook {sorted(unknown)}; the hooks are {', '.join(HOOKS)}")
         if not any(parameter.role == "strength" for parameter in self.parameters):
             raise ValueError(f"effect {self.name}: needs a parameter that is zero when the effect is off")
 

@@ -13,7 +13,7 @@ def _compliance(p, bodies, _):
     return bodies._replace(compliance=bodies.compliance + p.compliance)
 
 
-def _slope(p, bodies, _):
+def tilt(p, bodies, _=None):
     # a ground that rises by x per metre along the world's x axis, by y along y
     normal = bodies.terrain.normal - bodies.terrain.normal[2] * jnp.stack([p.x, p.y, jnp.zeros_like(p.x)])
     normal = normal / jnp.sqrt((normal * normal).sum())
@@ -43,6 +43,6 @@ EFFECTS = (
         "contact",
         "torso",
         (Parameter("x", "m/m", -0.6, 0.6, 0.05), Parameter("y", "m/m", -0.6, 0.6, 0.05)),
-        {"body_parameters": _slope},
+        {"body_parameters": tilt},
     ),
 )

@@ -21,9 +21,7 @@ def load_effects(files: Iterable[Path] = ()) -> dict[str, Effect]:
     for path in files:
         for effect in _from_file(Path(path)):
             if effect.name in effects:
-                raise UserError(
-                    f"{path}: an effect named '{effect.name}' exists already; choose another name."
-                )
+                raise UserError(f"{path}: an effect named '{effect.name}' exists already; choose another name.")
             effects[effect.name] = effect
     return effects
 

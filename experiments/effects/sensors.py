@@ -28,9 +28,7 @@ def _torque_offset(p, measurement, _):
 
 def _late(p, measurement, s, memory):
     # memory holds 1 + value, so that its zeros mean 'no past yet: hold what is now'
-    now = jnp.stack(
-        [measurement.position, measurement.velocity, measurement.torque, measurement.motor_position], -1
-    )
+    now = jnp.stack([measurement.position, measurement.velocity, measurement.torque, measurement.motor_position], -1)
     past = memory.reshape(now.shape[0], LONGEST, 5)
     known = past[..., 4:] > 0.0
     past = jnp.concatenate([jnp.where(known, past[..., :4], now[:, None]), jnp.ones_like(past[..., 4:])], -1)

@@ -7,12 +7,12 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from mjx_starleth.bodies import Bodies, BodyParams
-from mjx_starleth.names import JOINT_NAMES, LEGS
 
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.body_replay import BodyLog, BodyReplay, BodyResidual, body_log, settled, thinned
 from experiments.measurement.log import Log
+from mjx_starleth.bodies import Bodies, BodyParams
+from mjx_starleth.names import JOINT_NAMES, LEGS
 
 BODY_HOOKS = frozenset("body_parameters measurement measured_motion joint_drag torso_force".split())
 FLOOR_DRAWS = 3
@@ -126,9 +126,7 @@ def _roughness(rows: np.ndarray, used: np.ndarray) -> np.ndarray:
     return np.sqrt(change.sum(0) / np.maximum(both.sum(0), 1))
 
 
-def _noisy(
-    rng: np.random.Generator, log: BodyLog, noise: Mapping[str, float], period: float, clamped: bool
-) -> BodyLog:
+def _noisy(rng: np.random.Generator, log: BodyLog, noise: Mapping[str, float], period: float, clamped: bool) -> BodyLog:
     """The log with its sensors' noise once more."""
     draw = lambda like, std: std * rng.standard_normal(like.shape)  # noqa: E731
     q, u = log.q.astype(float), log.u.astype(float)

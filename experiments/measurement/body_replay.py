@@ -16,14 +16,15 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from mjx_starleth.bodies import Bodies, BodyParams
-from mjx_starleth.smooth import Inertias, smooth
+from scipy.ndimage import convolve1d
 from scipy.signal import savgol_filter
-from sea_jax import JointMeasurement, JointMotion
-from sea_jax.hooks import no_signals
 
 from experiments.effects.compose import ActiveEffects, EffectNumbers
 from experiments.measurement.log import Log
+from mjx_starleth.bodies import Bodies, BodyParams
+from mjx_starleth.smooth import Inertias, smooth
+from sea_jax import JointMeasurement, JointMotion
+from sea_jax.hooks import no_signals
 
 Array = jax.Array
 
@@ -82,9 +83,7 @@ class BodyReplay:
         leg_jacobian = jnp.cross(s.axis, touching[:, None] - s.anchor)  # (4 legs, 3 joints, 3 world)
         on_ground = row.contact * (0.0 if self.clamped else 1.0)
         foot_force = on_ground[:, None] * solve3(leg_jacobian, on_legs)
-        on_torso = on_torso - jnp.concatenate(
-            [foot_force.sum(0), mv(s.R_WB.T, jnp.cross(arm, foot_force).sum(0))]
-        )
+        on_torso = on_torso - jnp.concatenate([foot_force.sum(0), mv(s.R_WB.T, jnp.cross(arm, foot_force).sum(0))])
         omega = mv(s.R_WB, u[3:6])[None]
         velocity = u[None, :3] + jnp.cross(omega, arm) + (leg_jacobian * u[6:].reshape(4, 3, 1)).sum(1)
         normal = (foot_force * n).sum(-1)
@@ -139,7 +138,9 @@ def body_log(log: Log) -> BodyLog:
     contact = log.vector("foot_contact")
     contact = np.ones((log.rows, 4)) if contact is None else np.nan_to_num(contact)
     q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
-    tables = (q, u, np.gradient(u, log.sample_period, axis=0), np.nan_to_num(torque), contact)
+    # the central difference spans a row on both sides: so does the torque that caused it
+    torque = convolve1d(np.nan_to_num(torque), [0.25, 0.5, 0.25], axis=0, mode="nearest")
+    tables = (q, u, np.gradient(u, log.sample_period, axis=0), torque, contact)
     return BodyLog(*(np.asarray(table, np.float32) for table in tables))
 
 

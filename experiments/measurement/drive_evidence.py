@@ -7,11 +7,11 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from sea_jax import DriveParams, JointMotion, LoopPeriods
 
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.drive_log import DriveLog
 from experiments.measurement.drive_replay import CHANNELS, DriveReplay, measured, true_motion
+from sea_jax import DriveParams, JointMotion, LoopPeriods
 
 LANES = 32  # sets of numbers per call of the compiled replay
 PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program

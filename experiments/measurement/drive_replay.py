@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from experiments.effects.compose import ActiveEffects, EffectNumbers
+from experiments.measurement.drive_log import DriveLog
 from sea_jax import DriveParams, JointCommand, JointMeasurement, JointMotion, LoopPeriods
 from sea_jax.hooks import no_signals
 from sea_jax.link_motion import link_motion, smoothed_link_motion
 from sea_jax.replay import ReplayRows, measured_start, replay
-
-from experiments.effects.compose import ActiveEffects, EffectNumbers
-from experiments.measurement.drive_log import DriveLog
 
 Array = jax.Array
 

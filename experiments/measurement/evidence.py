@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from mjx_starleth.bodies import make_bodies
-from sea_jax import params_from_numbers, periods_from_numbers
 
 from experiments.effects.effect import Effect
 from experiments.errors import UserError
@@ -20,9 +18,12 @@ from experiments.measurement.drive_replay import CHANNELS as DRIVE_CHANNELS
 from experiments.measurement.features import Change, Products
 from experiments.measurement.log import Log
 from experiments.model import Model
+from mjx_starleth.bodies import make_bodies
+from sea_jax import params_from_numbers, periods_from_numbers
 
 BLOCK = 0.5  # s: long against the residuals' correlation, short enough for many blocks in a log
 SHIFT_STEP = 1e-4  # rad
+SHIFT_PRIOR = 3e-4  # rad, standard deviation of what the first motor angle may be wrong by
 
 
 class Point(NamedTuple):
@@ -106,16 +107,47 @@ class Evidence:
         prior[offset0 : offset0 + channels] = 1.0
         return Products(gram, tuple(start[:-1]), tuple(range(shift0, offset0 + channels)), prior)
 
+    def local(self, at: Point, directions: np.ndarray) -> np.ndarray:
+        """Gram matrices (blocks, c, c) of a few directions (k, n) at a point: directions, shifts, offsets, residual."""
+        k, joints, channels = len(directions), len(self.atoms.joint_names), len(BODY_CHANNELS)
+        gram = np.zeros((self.blocks, k + joints + channels + 1, k + joints + channels + 1))
+        moved = [at, *(at._replace(x=at.x + d) for d in directions)]
+        if self.drive is not None:
+            r = self.drive_residual([*moved, at._replace(shift=at.shift + SHIFT_STEP)])
+            shift = (r[-1] - r[0]) * (SHIFT_PRIOR / SHIFT_STEP)
+            own = np.eye(joints)[:, None, :, None] * shift[None]
+            columns = np.concatenate([r[1:-1] - r[:1], own, r[:1]])
+            index = np.r_[0 : k + joints, gram.shape[1] - 1]
+            _add_products(gram, columns, index, self.block_of_drive())
+        if self.body is not None:
+            r = self.body_residual(moved) / np.sqrt(self.body.tau)
+            columns = np.concatenate([r[1:] - r[:1], self._offset_columns(), r[:1]])
+            index = np.r_[0:k, k + joints : gram.shape[1]]
+            _add_products(gram, columns, index, self.block_of_body())
+        return gram
+
+    def _offset_columns(self) -> np.ndarray:
+        """What a constant error of each body channel, of the size of the model's own error, does: (26, N, 26)."""
+        scale = self.offset_scale() / np.sqrt(self.body.tau)
+        return np.einsum("nc,cd->cnd", self.body.used, np.diag(-scale))
+
+    def offset_scale(self) -> np.ndarray:
+        """Standard deviation of a channel's constant error, in units of its floor."""
+        return np.array([MODEL_ERROR[kind] for kind in KIND]) / self.body.floor
+
     def _drive_products(self, gram, at: Point, changes, start, shift0) -> None:
         base = at.x
         points = [at, at._replace(shift=at.shift + SHIFT_STEP)]
         points += [at._replace(x=self._changed(base, change)) for change in changes]
         r = self.drive_residual(points)
         joints = r.shape[2]
-        columns = np.concatenate([r[2:] - r[:1], (r[1:2] - r[:1]) * (3 * 5e-5 / SHIFT_STEP), r[:1]])
+        columns = np.concatenate([r[2:] - r[:1], (r[1:2] - r[:1]) * (SHIFT_PRIOR / SHIFT_STEP), r[:1]])
         block = self.block_of_drive()
         for j in range(joints):
-            here = [s + j if self._on_joints(c) else -1 for s, c in zip(start, changes)] + [shift0 + j, gram.shape[1] - 1]
+            here = [s + j if self._on_joints(c) else -1 for s, c in zip(start, changes)] + [
+                shift0 + j,
+                gram.shape[1] - 1,
+            ]
             kept = [i for i, place in enumerate(here) if place >= 0]
             index = np.array([here[i] for i in kept])
             part = columns[kept][:, :, j]
@@ -130,14 +162,9 @@ class Evidence:
                 points.append(at._replace(x=self._changed(at.x, change, i)))
                 index.append(first + i)
         r = self.body_residual(points) / np.sqrt(self.body.tau)
-        scale = np.array([MODEL_ERROR[kind] for kind in KIND]) / self.body.floor / np.sqrt(self.body.tau)
-        offsets = np.einsum("nc,cd->cnd", self.body.used, np.diag(-scale))
-        columns = np.concatenate([r[1:] - r[:1], offsets, r[:1]]).astype(float)
-        index = np.array([*index, *range(offset0, offset0 + len(scale)), gram.shape[1] - 1])
-        block = self.block_of_body()
-        for b in range(self.blocks):
-            m = columns[:, block == b].reshape(len(columns), -1)
-            gram[b][np.ix_(index, index)] += m @ m.T
+        columns = np.concatenate([r[1:] - r[:1], self._offset_columns(), r[:1]])
+        index = np.array([*index, *range(offset0, gram.shape[1])])
+        _add_products(gram, columns, index, self.block_of_body())
 
     def _changed(self, x: np.ndarray, change: Change, place: int | None = None) -> np.ndarray:
         """x with a change added: strengths move by it, shapes are set, at every place of its axis or at one."""
@@ -155,6 +182,13 @@ class Evidence:
         return change.effect.axis == "joint"
 
 
+def _add_products(gram: np.ndarray, columns: np.ndarray, index: np.ndarray, block: np.ndarray) -> None:
+    """Add the inner products of columns (k, rows, …) to gram (blocks, c, c) at these indices, block by block."""
+    for b in range(len(gram)):
+        m = columns[:, block == b].reshape(len(columns), -1).astype(float)
+        gram[b][np.ix_(index, index)] += m @ m.T
+
+
 def _sum_blocks(rows: np.ndarray, block: np.ndarray, blocks: int) -> np.ndarray:
     total = np.zeros((len(rows), blocks))
     for lane, row in enumerate(rows):
@@ -162,9 +196,7 @@ def _sum_blocks(rows: np.ndarray, block: np.ndarray, blocks: int) -> np.ndarray:
     return total
 
 
-def gather(
-    log: Log, model: Model, effects: Mapping[str, Effect], noise: Mapping[str, float]
-) -> Evidence:
+def gather(log: Log, model: Model, effects: Mapping[str, Effect], noise: Mapping[str, float]) -> Evidence:
     """Everything that a log of the robot says; the model's own effects are among `effects`. Raises UserError."""
     if model.numbers is None:
         raise UserError(f"{log.name} is a log of the robot, but the model is a single joint.")

@@ -58,7 +58,9 @@ def _shapes_and_sizes(effect: Effect) -> Iterator[tuple[tuple[tuple[str, float],
     default = {p.name: p.start for p in effect.parameters if p.role == "shape"}
     strengths = {p.name for p in effect.strengths}
     seeds: list[Mapping[str, float]] = [{}, *effect.seeds]
-    shapes = {tuple(sorted({**default, **{k: v for k, v in seed.items() if k not in strengths}}.items())) for seed in seeds}
+    shapes = {
+        tuple(sorted({**default, **{k: v for k, v in seed.items() if k not in strengths}}.items())) for seed in seeds
+    }
     sizes = SIZES if effect.name in SHARP else (SMALL_STEP,)
     if effect.name not in SHARP and effect.memory:
         sizes = SIZES

@@ -5,9 +5,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from es import Parameter, ParameterSpace
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
+from es import Parameter, ParameterSpace
 from experiments.errors import UserError
 from experiments.files import read_json
 
@@ -103,4 +103,6 @@ def check_weights(weights: Mapping[str, float], known: tuple[str, ...], task: st
     """Every cost term has a weight, and no other does. Raises UserError."""
     unknown, missing = set(weights) - set(known), set(known) - set(weights)
     if unknown or missing:
-        raise UserError(f"Task {task}: its cost terms are {', '.join(known)}; correct the key '{min(unknown | missing)}'.")
+        raise UserError(
+            f"Task {task}: its cost terms are {', '.join(known)}; correct the key '{min(unknown | missing)}'."
+        )

@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+
 from controller_jax import squat_jump
 from controller_jax.geometry import geometry_from_numbers
 from controller_jax.squat_jump import SquatJumpParams, SquatJumpSettings
 from controller_jax.types import JointTargets, RobotState
-
 from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
@@ -81,7 +81,9 @@ class SquatJumpTask:
         base = jnp.stack([jnp.zeros(()), jnp.zeros(()), jump.initial_height, *jnp.eye(4)[0]])
         return plant.initial_state(params, jnp.concatenate([base, joints]), torque), squat_jump.init(settings, jump)
 
-    def control(self, settings: SquatJumpSettings, values: Array, state: Any, robot: RobotState, time: Array) -> tuple[Any, JointTargets, Any]:
+    def control(
+        self, settings: SquatJumpSettings, values: Array, state: Any, robot: RobotState, time: Array
+    ) -> tuple[Any, JointTargets, Any]:
         return squat_jump.step(settings, self.parameters(values), state, robot, time)
 
     def first_tally(self) -> Tally:
@@ -99,7 +101,9 @@ class SquatJumpTask:
         slide = (jnp.sqrt((bodies.slip_velocity[:, :2] ** 2).sum(-1)) * pressed).sum()
         limits = self.settings.geometry.position_limits
         joints = q[7:]
-        beyond = jnp.maximum(limits[:, 0] + STOP_MARGIN - joints, 0) + jnp.maximum(joints - limits[:, 1] + STOP_MARGIN, 0)
+        beyond = jnp.maximum(limits[:, 0] + STOP_MARGIN - joints, 0) + jnp.maximum(
+            joints - limits[:, 1] + STOP_MARGIN, 0
+        )
         up = 1 - 2 * (q[4] ** 2 + q[5] ** 2)
         down = (q[2] < FALLEN_HEIGHT) | (up < FALLEN_TILT)
         ending = tick.time >= self.ticks * dt - STANDING_TIME

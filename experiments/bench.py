@@ -1,0 +1,229 @@
+"""`starleth bench`: what a 2.5 ms tick of each part costs, side by side with MuJoCo C in one run.
+
+Every entry runs `batch` environments for a number of ticks on all devices, compiled beforehand. The entries take
+turns, so that a machine whose speed drifts is slow for all of them; the best round of each counts.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from mujoco import mjx, rollout
+
+from controller_jax.force_distribution import distribute_forces, init_distribution
+from controller_jax.force_problem import SupportLegs
+from controller_jax.joint_torques import weight_torque
+from controller_jax.leg_kinematics import leg_kinematics
+from experiments.batch import batched, device_mesh
+from experiments.model import Model
+from experiments.plant import make_plant
+from experiments.rollout import Rollout
+from experiments.sensing import DirectSensing
+from experiments.tasks.definition import load_task
+from experiments.tasks.registry import make_task
+from experiments.trial import nominal_trial
+from mjx_starleth.bodies import BodyInput, BodyState
+from mjx_starleth.mjcf import mjcf
+from mjx_starleth.numbers import RobotNumbers
+from sea_jax import JointCommand, JointMeasurement, JointMotion
+
+ROUNDS = 5
+KP, KD = 100.0, 2.0  # joint servo of the entries without a controller, as in the MuJoCo C run
+CHUNKS = {"bodies": 32, "drive": 32, "force_distribution": 32, "closed_loop": 32, "mjx_step": 16}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One thing to time: `run` does batch * ticks env-steps and waits for them."""
+
+    name: str
+    batch: int
+    ticks: int
+    devices: int
+    run: Callable[[], Any]
+
+
+def entries(model: Model, devices: int, batch: int | None = None) -> list[Entry]:
+    """All entries, compiled."""
+    mesh, one = device_mesh(jax.devices()[:devices]), device_mesh(jax.devices()[:1])
+    found = [mujoco_c(model.numbers, devices)]
+    for name, function, ticks in (
+        ("bodies", bodies_ticks, 400),
+        ("drive", drive_ticks, 400),
+        ("force_distribution", force_ticks, 400),
+        ("closed_loop", closed_loop_ticks, None),
+        ("mjx_step", mjx_ticks, 100),
+    ):
+        body, count = function(model, ticks)
+        found.append(_entry(name, body, count, mesh, batch))
+        if name == "closed_loop" and devices > 1:
+            found.append(_entry(name, body, count, one, batch))
+    return found
+
+
+def measure(found: list[Entry], rounds: int = ROUNDS) -> Iterator[dict[str, Any]]:
+    """One JSON-able line per entry, after all rounds."""
+    best = [np.inf] * len(found)
+    for entry in found:
+        entry.run()
+    for _ in range(rounds):
+        for i, entry in enumerate(found):
+            start = time.perf_counter()
+            entry.run()
+            best[i] = min(best[i], time.perf_counter() - start)
+    speeds = [entry.batch * entry.ticks / seconds for entry, seconds in zip(found, best, strict=True)]
+    reference = speeds[0]
+    for entry, speed in zip(found, speeds, strict=True):
+        yield {
+            "name": entry.name,
+            "env_steps_per_s": round(speed),
+            "devices": entry.devices,
+            "batch": entry.batch,
+            "ratio_to_mujoco_c": round(speed / reference, 3),
+            "microseconds_per_env_step_and_device": round(1e6 * entry.devices / speed, 2),
+        }
+
+
+def mujoco_c(numbers: RobotNumbers, threads: int, batch: int = 512, ticks: int = 200) -> Entry:
+    """MuJoCo C's own batched rollout of the same robot with four foot contacts and joint servos."""
+    text = mjcf(numbers, solver_iterations=4, cone="pyramidal", position_gains=(KP, KD), armature=0.05)
+    m = mujoco.MjModel.from_xml_string(text)
+    stance, height = _stance(numbers)
+    d = mujoco.MjData(m)
+    d.qpos[2], d.qpos[7:] = height, stance
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    state = np.zeros(mujoco.mj_stateSize(m, kind))
+    mujoco.mj_getState(m, d, state, kind)
+    states = np.tile(state, (batch, 1))
+    states[:, 3] += np.linspace(0, 0.1, batch)
+    control = np.tile(stance, (batch, ticks, 1))
+    data = [mujoco.MjData(m) for _ in range(threads)]
+    return Entry("mujoco_c", batch, ticks, threads, lambda: rollout.rollout(m, data, states, control))
+
+
+def bodies_ticks(model: Model, ticks: int):
+    """Moreau's step under joint servos, dropped from up to 0.1 m."""
+    plant = make_plant(model)
+    stance, height = _stance(model.numbers)
+    target = jnp.asarray(stance, jnp.float32)
+    damping = jnp.full(12, KD, jnp.float32)
+
+    def run(shared, drop):
+        q = jnp.concatenate([jnp.stack([0.0 * drop, 0.0 * drop, height + drop]), jnp.eye(4)[0], target])
+        state = BodyState(q, jnp.zeros(18), jnp.zeros((4, 3)))
+
+        def tick(state, _):
+            torque = KP * (target - state.q[7:]) - KD * state.u[6:]
+            state, output = plant.bodies.step(shared.bodies, state, BodyInput(torque, damping))
+            return state, output.contact_residual
+
+        state, residual = jax.lax.scan(tick, state, None, length=ticks)
+        return state.q[2], residual.max()
+
+    return (run, plant.params), ticks
+
+
+def drive_ticks(model: Model, ticks: int):
+    """All twelve drives, in torque mode, on moving links."""
+    plant = make_plant(model)
+    start = plant.initial_state(plant.params, jnp.asarray(plant.bodies.stance), jnp.zeros(12)).drive
+
+    def run(shared, phase):
+        def tick(state, k):
+            angle = 0.01 * k.astype(jnp.float32) + phase
+            q, v = 0.2 * jnp.sin(angle) * jnp.ones(12), 0.8 * jnp.cos(angle) * jnp.ones(12)
+            torque = 5.0 * jnp.sin(3.0 * angle) * jnp.ones(12)
+            zero = jnp.zeros(12)
+            inputs = (
+                JointCommand(torque, q, zero),
+                JointMeasurement(q, v, zero, state.motor_position),
+                JointMotion(q, v, zero, zero),
+            )
+            state, output = plant.drive_step(shared.drive, state, inputs, periods=plant.periods)
+            return state, output.torque.sum()
+
+        return jax.lax.scan(tick, start, jnp.arange(ticks))[1].sum()
+
+    return (run, plant.params), ticks
+
+
+def force_ticks(model: Model, ticks: int):
+    """Warm-started force distribution for a wrench that wanders."""
+    rollout_ = _jump(model)
+    settings = rollout_.task.settings
+    geometry = settings.geometry
+    stance, _ = _stance(model.numbers)
+    legs = leg_kinematics(geometry, jnp.asarray(stance, jnp.float32))
+    weight = weight_torque(geometry, legs, jnp.eye(3))
+    problem = SupportLegs(legs.r_BF_B, legs.J_BF_B, weight, jnp.ones(4))
+
+    def run(shared, phase):
+        def tick(state, k):
+            angle = 0.02 * k.astype(jnp.float32) + phase
+            wave = jnp.sin(angle * jnp.arange(1.0, 7.0))
+            wrench = wave * jnp.array([60.0, 60.0, 150.0, 15.0, 15.0, 10.0])
+            wrench = wrench + 263.0 * jnp.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+            state, forces = distribute_forces(shared.distribution, state, problem, wrench)
+            return state, forces.step_left
+
+        return jax.lax.scan(tick, init_distribution(), jnp.arange(ticks))[1].max()
+
+    return (run, settings), ticks
+
+
+def closed_loop_ticks(model: Model, _: None):
+    """The squat jump as the search runs it: full drive train, controller, cost terms."""
+    rollout_ = _jump(model)
+    initial = jnp.asarray(load_task("squat_jump").space().initial)
+
+    def run(shared, shift):
+        params, settings = shared
+        return rollout_.score(params, settings, initial + 0.05 * shift, nominal_trial()).cost
+
+    return (run, (rollout_.plant.params, rollout_.task.settings)), rollout_.task.ticks
+
+
+def mjx_ticks(model: Model, ticks: int):
+    """MJX's own step with its Newton solver; kept at small batches, where it does not hang."""
+    numbers = model.numbers
+    text = mjcf(numbers, solver_iterations=4, cone="pyramidal", position_gains=(KP, KD), armature=0.05)
+    m = mujoco.MjModel.from_xml_string(text)
+    stance, height = _stance(numbers)
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        mx, first = mjx.put_model(m), mjx.make_data(m)
+
+    def run(shared, drop):
+        with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+            qpos = first.qpos.at[2].set(height + drop).at[7:].set(jnp.asarray(stance, jnp.float32))
+            data = first.replace(qpos=qpos, ctrl=jnp.asarray(stance, jnp.float32))
+
+            def tick(data, _):
+                return mjx.step(mx, data), None
+
+            return jax.lax.scan(tick, data, None, length=ticks)[0].qpos[2]
+
+    return (run, jnp.zeros(())), ticks
+
+
+def _entry(name: str, body: tuple[Callable, Any], ticks: int, mesh: jax.sharding.Mesh, batch: int | None) -> Entry:
+    function, shared = body
+    width, chunk = mesh.devices.size, CHUNKS[name]
+    size = batch or (chunk * width if name == "mjx_step" else 2 * chunk * width)
+    members = np.linspace(0.0, 0.1, size, dtype=np.float32)
+    program = batched(function, mesh, min(chunk, size))
+    return Entry(name, size, ticks, width, lambda: program(shared, members))
+
+
+def _jump(model: Model) -> Rollout:
+    return Rollout(make_plant(model), make_task(load_task("squat_jump"), model), DirectSensing())
+
+
+def _stance(numbers: RobotNumbers) -> tuple[np.ndarray, float]:
+    """Joint positions (12,) of the walking stance and its height: FACTS 1, 0.41 m."""
+    fore = [0.0, 0.816, -1.484]
+    return np.array(fore * 2 + [0.0, -0.816, 1.484] * 2), 0.41

@@ -1,0 +1,63 @@
+"""Progress of a search on the terminal: stage, generations, best so far, time left."""
+
+from pathlib import Path
+from typing import Any, Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+
+from es import Progress, SearchInterrupted
+from experiments.export import Judged
+from experiments.tasks.definition import TaskDefinition
+
+INTERRUPTED = 130
+
+
+class SearchProgress:
+    """A bar on stderr; turns an interrupt into a message that says how to go on."""
+
+    def __init__(self, definition: TaskDefinition, folder: Path) -> None:
+        self.definition, self.folder = definition, folder
+        self.console = Console(stderr=True)
+        self.bar = Bar(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("best {task.fields[best]}"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=self.console,
+        )
+
+    def __enter__(self) -> Self:
+        total = sum(stage.generations for stage in self.definition.stages)
+        self.bar.start()
+        self.task = self.bar.add_task("compiling", total=total, best="…")
+        return self
+
+    def update(self, progress: Progress, aux: Any) -> None:
+        """After every generation."""
+        last = progress.history[-1]
+        name = self.definition.stages[last.stage].name
+        self.bar.update(self.task, completed=progress.generations, description=name, best=f"{last.stage_best_cost:.3f}")
+
+    def say(self, text: str) -> None:
+        self.console.print(text, highlight=False, soft_wrap=True)
+
+    def finish(self, judged: Judged) -> None:
+        """One line about the result."""
+        self.bar.update(self.task, description="done", completed=self.bar.tasks[0].total)
+        self.bar.stop()
+        cost, success = float(judged.nominal.cost), float(judged.trials.metrics["success"].mean())
+        apex = judged.nominal.metrics.get("apex_height")
+        height = "" if apex is None else f"apex {float(apex):.3f} m, "
+        self.say(f"{height}cost {cost:.3f}; {success:.0%} of {len(judged.trials.cost)} perturbed trials succeed.")
+        self.say(f"For the robot: {self.folder}/parameters.json   to look at: {self.folder}/report.html")
+
+    def __exit__(self, kind, error, _) -> bool:
+        self.bar.stop()
+        if isinstance(error, SearchInterrupted):
+            self.say(f"Interrupted after {error.generations} generations; the same command continues the run.")
+            raise SystemExit(INTERRUPTED)
+        return False

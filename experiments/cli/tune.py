@@ -1,0 +1,75 @@
+"""`starleth tune`: search a motion in simulation and leave a parameter file for the robot."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiments.cli.options import DevicesOption, EffectsOption, ModelOption, SeedOption, available_cores, start_jax
+
+HELP = """Search a motion in simulation and leave a parameter file for the robot.
+
+The search runs CMA-ES through the task's stages (perfect torque first, the full drive train last), all candidates of a
+generation in parallel on all cores. It leaves in the output folder: parameters.json for the robot's controller,
+report.html to look at, motion.npz to replay.
+
+Ctrl-C leaves a resumable run: the same command continues it, to the same result to the bit.
+
+    starleth tune squat_jump
+    starleth tune squat_jump --generations 100 --seed 3 --output runs/jump3
+    starleth tune squat_jump --model learned_model.json
+"""
+
+
+def register(app: typer.Typer) -> None:
+    app.command("tune", help=HELP)(command)
+
+
+def command(
+    task: Annotated[str, typer.Argument(help="A task by name (squat_jump, …) or your own task file (.json).")],
+    model: ModelOption = None,
+    drive: Annotated[
+        str, typer.Option(help="Drive of the last stages: full, cheap (no current loop) or ideal.")
+    ] = "full",
+    generations: Annotated[int | None, typer.Option(min=1, help="Generations of all stages together.")] = None,
+    population: Annotated[int | None, typer.Option(min=4, help="Candidates per generation.")] = None,
+    seed: SeedOption = 0,
+    devices: DevicesOption = available_cores(),  # noqa: B008
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the run. Default: runs/TASK.")
+    ] = None,
+    perturbations: Annotated[Path | None, typer.Option(help="Perturbation file for the judging trials.")] = None,
+    effects: EffectsOption = None,
+) -> None:
+    start_jax(devices)
+    from experiments.cli.progress import SearchProgress
+    from experiments.effects.library import load_effects
+    from experiments.errors import UserError
+    from experiments.model import load_model
+    from experiments.perturbations import load_perturbations
+    from experiments.run_folder import open_run
+    from experiments.tasks.definition import load_task
+    from experiments.tune import TuneOptions, tune
+    from sea_jax import DRIVES
+
+    if drive not in DRIVES:
+        raise UserError(f"No drive '{drive}'; choose one of {', '.join(DRIVES)}.")
+    library = load_effects(effects or ())
+    definition = load_task(task)
+    if generations is not None:
+        definition = definition.with_generations(generations)
+    if population is not None:
+        definition = definition.model_copy(update={"population": population})
+    robot = load_model(model, library)
+    chosen = load_perturbations(perturbations, robot)
+    options = TuneOptions(
+        definition, robot, seed, chosen, None if drive == "full" else drive, library=library, devices=devices
+    )
+    folder = output or Path("runs") / definition.task
+    with open_run(folder, "tune", options.settings()) as run, SearchProgress(definition, folder) as progress:
+        if run.finished:
+            progress.say(f"{folder} is finished already; its results are {folder}/parameters.json and report.html.")
+            return
+        judged = tune(options, run, progress.update, progress.say)
+        run.mark_finished()
+        progress.finish(judged)

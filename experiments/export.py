@@ -1,0 +1,121 @@
+"""What a tuned motion leaves behind: the robot's parameter file, the motion, the report."""
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import numpy as np
+
+from es import SearchResult
+from experiments import parameter_file
+from experiments.parameter_file import Metric, PerturbedTrials, Spread, write_parameters
+from experiments.recording import jump_record, write_motion
+from experiments.reports.jump import write_jump_report
+from experiments.reports.recording import History
+from experiments.rollout import Score
+from experiments.run_folder import RunFolder
+from experiments.tasks.registry import metric_units
+from experiments.trial import nominal_trial
+
+if TYPE_CHECKING:
+    from experiments.tune import StagedEvaluation, TuneOptions
+
+ROBOT = "starleth"
+
+
+class Judged(NamedTuple):
+    """The chosen candidate and how it did."""
+
+    values: np.ndarray  # (n,)
+    nominal: Score  # NumPy scalars
+    trials: Score  # leaves (K,)
+    numbers: dict[str, np.ndarray]  # (K,) what was perturbed
+
+
+def export(
+    options: "TuneOptions", evaluation: "StagedEvaluation", run: RunFolder, result: SearchResult, judged: Judged
+) -> None:
+    """Write parameters.json, motion.npz and report.html of a finished search. Raises UserError."""
+    drive = evaluation.on(options.definition.stages[-1].drive).drive
+    file = write_parameters(run / "parameters.json", **parameter_fields(options, drive, run.path, result, judged))
+    record = record_jump(evaluation, drive, judged.values)
+    write_motion(run / "motion.npz", record)
+    ideal = record_jump(evaluation, "ideal", judged.values)
+    history = History(
+        best=np.array([g.best_cost for g in result.history]),
+        mean=np.array([g.mean_cost for g in result.history]),
+        std=np.array([g.sigma for g in result.history]),
+        stage=np.array([g.stage for g in result.history]),
+        stage_names=[stage.name for stage in options.definition.stages],
+        population=options.definition.population,
+    )
+    write_jump_report(
+        run / "report.html", file, options.model.numbers, record, ideal=ideal, history=history, sensitivities=()
+    )
+
+
+def record_jump(evaluation: "StagedEvaluation", drive: str, values: np.ndarray):
+    """The nominal trial of a candidate, tick by tick, on one drive."""
+    on = evaluation.on(drive)
+    params, settings = on.limited()
+    _, ticks = jax.jit(on.rollout.record)(params, settings, np.asarray(values, np.float32), nominal_trial())
+    return jump_record(jax.tree.map(np.asarray, ticks), drive)
+
+
+def parameter_fields(
+    options: "TuneOptions", drive: str, folder: Path, result: SearchResult, judged: Judged
+) -> dict[str, Any]:
+    """The contents of the parameter file."""
+    definition = options.definition
+    space = definition.space()
+    named = space.named(judged.values)
+    trials = len(judged.trials.cost)
+    return {
+        "task": definition.task,
+        "robot": ROBOT,
+        "model_hash": options.model.hash(),
+        "parameters": [
+            parameter_file.parameter(p.name, named[p.name], p.unit, p.low, p.high) for p in definition.parameters
+        ],
+        "metrics": metrics(definition.task, judged),
+        "cost_terms": {name: float(value) for name, value in judged.nominal.terms.items()},
+        "perturbed": PerturbedTrials(
+            trials=trials,
+            seed=options.seed,
+            perturbations={name: law.model_dump_json() for name, law in options.perturbations.draw.items()},
+        ),
+        "drive": drive,
+        "seed": options.seed,
+        "search": {
+            "generations": len(result.history),
+            "population": definition.population,
+            "evaluations": result.evaluations,
+            "stages": ", ".join(f"{s.name} ({s.generations})" for s in result.stages),
+        },
+        "versions": versions(),
+        "created": parameter_file.now(),
+        "command": f"starleth replay {folder}",
+    }
+
+
+def metrics(task: str, judged: Judged) -> dict[str, Metric]:
+    """Metrics of the nominal trial, with their spread over the perturbed ones."""
+    found = {"cost": _metric("", judged.nominal.cost, judged.trials.cost)}
+    for name, unit in metric_units(task).items():
+        found[name] = _metric(unit, judged.nominal.metrics[name], judged.trials.metrics[name])
+    return found
+
+
+def _metric(unit: str, value: np.ndarray, spread: np.ndarray) -> Metric:
+    values = np.asarray(spread, float)
+    summary = Spread(
+        mean=float(values.mean()), std=float(values.std()), low=float(values.min()), high=float(values.max())
+    )
+    shown: bool | float = bool(value > 0.5) if unit == "bool" else float(value)
+    return Metric(value=shown, unit="-" if unit in ("bool", "") else unit, spread=summary)
+
+
+def versions() -> dict[str, str]:
+    """The packages whose version may change a number."""
+    return {name: version(name) for name in ("starleth", "jax", "jaxlib", "mujoco", "mujoco-mjx", "evosax", "numpy")}

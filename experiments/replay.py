@@ -1,0 +1,83 @@
+"""`starleth replay`: run a tuned motion again on any drive and any of three engines, and say how it did."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from experiments.effects.effect import Effect
+from experiments.errors import UserError
+from experiments.model import Model
+from experiments.parameter_file import ParameterFile, read_parameters
+from experiments.plant import make_plant
+from experiments.rollout import Rollout, Score, Tick
+from experiments.sensing import DirectSensing
+from experiments.stepping import ENGINES, run_with_engine
+from experiments.tasks.definition import TaskDefinition, load_task
+from experiments.tasks.registry import make_task, metric_units
+from experiments.trial import nominal_trial
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A parameter file with the task that it belongs to."""
+
+    file: ParameterFile
+    definition: TaskDefinition
+
+    @property
+    def values(self) -> np.ndarray:
+        return self.definition.space().vector(self.file.values())
+
+
+def load_motion(source: Path, model: Model, allow_failed_gate: bool = False) -> Motion:
+    """A run's folder or a parameters.json. Raises UserError, also for parameters of another model."""
+    path = source / "parameters.json" if source.is_dir() else source
+    file = read_parameters(path, model_hash=model.hash(), allow_failed_gate=allow_failed_gate)
+    definition = load_task(file.task)
+    missing = set(definition.space().names) ^ set(file.values())
+    if missing:
+        raise UserError(f"{path}: parameter '{min(missing)}' is not one of task {file.task}; tune the motion again.")
+    return Motion(file, definition)
+
+
+def initial_guess(definition: TaskDefinition) -> np.ndarray:
+    """The task's values before any search."""
+    return definition.space().initial
+
+
+def replay(
+    values: np.ndarray, definition: TaskDefinition, model: Model, drive: str, engine: str, library: dict[str, Effect]
+) -> tuple[Score, Tick]:
+    """One nominal trial, tick by tick (NumPy leaves). Raises UserError."""
+    if engine not in ENGINES:
+        raise UserError(f"No engine '{engine}'; choose one of {', '.join(ENGINES)}.")
+    plant = make_plant(model, drive, library)
+    rollout = Rollout(plant, make_task(definition, model), DirectSensing())
+    values = jnp.asarray(values, jnp.float32)
+    if engine == "moreau":
+        run = jax.jit(rollout.record)(plant.params, rollout.task.settings, values, nominal_trial())
+    else:
+        run = run_with_engine(engine, rollout, values)
+    return jax.tree.map(np.asarray, run)
+
+
+def summary(score: Score, definition: TaskDefinition, model: Model, drive: str, engine: str) -> dict[str, Any]:
+    """What `replay` prints: metrics, cost and its terms, and what they belong to."""
+    units = metric_units(definition.task)
+    metrics = {
+        name: bool(value > 0.5) if units[name] == "bool" else round(float(value), 6)
+        for name, value in score.metrics.items()
+    }
+    return {
+        "task": definition.task,
+        "drive": drive,
+        "engine": engine,
+        **metrics,
+        "cost": round(float(score.cost), 6),
+        "cost_terms": {name: round(float(value), 6) for name, value in score.terms.items()},
+        "model_hash": model.hash(),
+    }

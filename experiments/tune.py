@@ -1,0 +1,143 @@
+"""`starleth tune`: search a motion through its stages, judge it on unseen trials, write what the robot needs."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import numpy as np
+
+from es import (
+    Checkpointer,
+    CheckpointError,
+    Progress,
+    Risk,
+    SearchResult,
+    SearchSettings,
+    Stage,
+    reduce_costs,
+    search,
+)
+from experiments.batch import device_mesh
+from experiments.effects.effect import Effect
+from experiments.effects.library import LIBRARY
+from experiments.errors import UserError
+from experiments.evaluation import Evaluation, crossed
+from experiments.export import Judged, export, versions
+from experiments.model import Model
+from experiments.perturbations import Perturbations, nominal_columns
+from experiments.run_folder import RunFolder
+from experiments.tasks.definition import TaskDefinition
+
+CHUNK = 8  # candidates per device and chunk: a population of 15 fills two devices
+UNSEEN_STREAM = 7_919  # trials that judge the result come from another stream than those of the search
+JUDGING_TRIALS = 32
+
+
+@dataclass(frozen=True)
+class TuneOptions:
+    """What the user chose."""
+
+    definition: TaskDefinition
+    model: Model
+    seed: int
+    perturbations: Perturbations
+    drive: str | None = None  # replaces the drive of every stage that has the full one
+    risk: Risk = field(default_factory=lambda: Risk("mean"))
+    library: Mapping[str, Effect] = field(default_factory=lambda: LIBRARY)
+    devices: int | None = None
+
+    def trials(self, key: jax.Array, count: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Perturbed numbers by name and the starts of their sensor noise, (count,) each."""
+        return self.perturbations.columns(key, count)
+
+    def nominal(self) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """One trial with nothing off, in the same form: the same compiled program runs it."""
+        values = nominal_columns(self.perturbations.names, self.model)
+        return {name: np.full(1, value, np.float32) for name, value in values.items()}, np.zeros(1, np.int32)
+
+    def settings(self) -> dict[str, Any]:
+        """What decides the result, as JSON values: a run with other settings is another run."""
+        return {
+            "task": self.definition.model_dump(mode="json"),
+            "model": self.model.hash(),
+            "drive": self.drive or "full",
+            "seed": self.seed,
+            "risk": str(self.risk),
+            "perturbations": self.perturbations.model_dump(mode="json"),
+            "versions": versions(),
+        }
+
+
+class StagedEvaluation:
+    """`evaluate` of the search: each stage on its own plant, every candidate of a generation on the same trials."""
+
+    def __init__(self, options: TuneOptions) -> None:
+        self.options = options
+        self.mesh = device_mesh(jax.devices()[: options.devices] if options.devices else None)
+        self.stages = {stage.name: stage for stage in options.definition.stages}
+        self._by_drive: dict[str, Evaluation] = {}
+
+    def on(self, drive: str) -> Evaluation:
+        """The evaluation on a drive, compiled at its first use."""
+        drive = self.options.drive if self.options.drive and drive == "full" else drive
+        if drive not in self._by_drive:
+            o = self.options
+            self._by_drive[drive] = Evaluation(o.model, o.definition, drive, o.library, self.mesh, CHUNK)
+        return self._by_drive[drive]
+
+    def __call__(self, stage: Stage, candidates: np.ndarray, key: jax.Array) -> tuple[np.ndarray, Any]:
+        definition = self.stages[stage.name]
+        evaluation = self.on(definition.drive)
+        numbers, noise = self.options.trials(key, definition.trials) if definition.perturbed else self.options.nominal()
+        score = evaluation.scores(crossed(candidates, numbers, noise), definition.torque_limit)
+        costs = score.cost.reshape(len(candidates), -1)
+        return np.asarray(reduce_costs(costs, self.options.risk)), score
+
+
+def tune(
+    options: TuneOptions, run: RunFolder, on_generation: Callable[[Progress, Any], None], notify: Callable
+) -> Judged:
+    """Search, judge, export. A run that was interrupted continues from its checkpoint, to the same bits.
+
+    Raises UserError, es.SearchInterrupted.
+    """
+    evaluation = StagedEvaluation(options)
+    definition = options.definition
+    checkpointer = Checkpointer(run / "checkpoints", {"settings": options.settings()}, notify=notify)
+    try:
+        result = search(
+            evaluation,
+            definition.space(),
+            [Stage(s.name, s.generations, s.drive, sigma_floor=s.sigma_floor) for s in definition.stages],
+            SearchSettings(population=definition.population, sigma=definition.sigma),
+            jax.random.key(options.seed),
+            on_generation,
+            checkpointer,
+        )
+    except CheckpointError as error:
+        raise UserError(f"{error}; give another folder with --output, or remove this one.") from None
+    except ValueError as error:
+        raise UserError(f"{error}.") from None
+    judged = judge(options, evaluation, result)
+    export(options, evaluation, run, result, judged)
+    return judged
+
+
+def judge(options: TuneOptions, evaluation: StagedEvaluation, result: SearchResult) -> Judged:
+    """Choose between the luckiest candidate and the mean of the final distribution, on trials that neither has seen."""
+    finalists = np.stack([result.best, result.mean])
+    full = evaluation.on(options.definition.stages[-1].drive)
+    key = jax.random.fold_in(jax.random.key(options.seed), UNSEEN_STREAM)
+    numbers, noise = options.trials(key, JUDGING_TRIALS)
+    perturbed = full.scores(crossed(finalists, numbers, noise))
+    nominal = full.scores(crossed(finalists, *options.nominal()))
+    costs = np.asarray(perturbed.cost).reshape(2, -1).mean(1) + np.asarray(nominal.cost)
+    chosen = int(np.argmin(costs))
+    mine = slice(chosen * JUDGING_TRIALS, (chosen + 1) * JUDGING_TRIALS)
+    return Judged(
+        values=finalists[chosen],
+        nominal=jax.tree.map(lambda x: np.asarray(x)[chosen], nominal),
+        trials=jax.tree.map(lambda x: np.asarray(x)[mine], perturbed),
+        numbers=numbers,
+    )
