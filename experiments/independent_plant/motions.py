@@ -39,32 +39,46 @@ def _steps(time: Array, rng: np.random.Generator, hold: float, rise: float) -> A
     return levels[step] + (levels[step + 1] - levels[step]) * x
 
 
-def air_course(duration: float, richness: str, rng: np.random.Generator) -> Array:
-    """Joint positions (T, 12), rad. `richness` is `rich`, `fast` (up to the limits) or `poor` (slow only)."""
-    time = np.arange(round(duration / TICK)) * TICK
-    courses = np.empty((len(time), 12))
+def _course(time: Array, low: float, high: float, richness: str, rng: np.random.Generator) -> Array:
+    """One joint's course from the middle of its range, `rich`, `fast` (up to the speed limit) or `poor` (slow)."""
+    middle, reach = 0.5 * (low + high), 0.5 * (high - low)
+    period = time[1] - time[0]
     top = SPEED_MARGIN * numbers_file()["loops"]["gear_speed_limit"]
-    for joint in range(12):
-        kind = KINDS[joint % 3]
-        low, high = numbers_file()["joint_limits_LF"][kind]
-        middle, reach = 0.5 * (low + high), 0.5 * (high - low) - MARGIN
-        if kind == "HFE":  # the thigh hangs a little back, as it would over its foot
-            middle, reach = 0.8, 0.4
-        if richness == "poor":
-            shape, speed = sines(time, rng, 0.03, 0.1, 2), SPEED["poor"]
-        elif richness == "fast":
-            best = top / (2.0 * np.pi * reach)  # Hz, of a sine of full reach at full speed
-            shape, speed = _chirp(time, rng, 0.4 * best, 1.1 * best), top
+    if richness == "poor":
+        shape, speed = sines(time, rng, 0.03, 0.1, 2), SPEED["poor"]
+    elif richness == "fast":
+        best = top / (2.0 * np.pi * reach)  # Hz, of a sine of full reach at full speed
+        shape, speed = _chirp(time, rng, 0.4 * best, 1.1 * best), top
+    else:
+        kind, speed = COURSES[rng.choice(3, p=[0.6, 0.2, 0.2])], SPEED["rich"]
+        if kind == "sines":
+            shape = sines(time, rng, 0.3, 3.0, 5)
+        elif kind == "chirp":
+            shape = _chirp(time, rng, 0.3, 3.0)
         else:
-            course, speed = COURSES[rng.choice(3, p=[0.6, 0.2, 0.2])], SPEED["rich"]
-            if course == "sines":
-                shape = sines(time, rng, 0.3, 3.0, 5)
-            elif course == "chirp":
-                shape = _chirp(time, rng, 0.3, 3.0)
-            else:
-                shape = _steps(time, rng, rng.uniform(0.5, 0.8), rng.uniform(0.12, 0.2))
-        shape = fade(time) * shape
-        rate = np.abs(np.diff(shape)).max() / TICK
-        size = min(reach / np.abs(shape).max(), speed / rate)
-        courses[:, joint] = MIRROR[joint] * (middle + size * shape)
-    return courses
+            shape = _steps(time, rng, rng.uniform(0.5, 0.8), rng.uniform(0.12, 0.2))
+    shape = fade(time) * shape
+    rate = np.abs(np.diff(shape)).max() / period
+    return middle + shape * min(reach / np.abs(shape).max(), speed / rate)
+
+
+def _range(kind: str) -> tuple[float, float]:
+    """The angles that a course may use, on the left fore leg."""
+    if kind == "rigid":
+        return -1.2, 1.2
+    if kind == "HFE":  # the thigh hangs a little back, as it would over its foot
+        return 0.4, 1.2
+    low, high = numbers_file()["joint_limits_LF"][kind]
+    return low + MARGIN, high - MARGIN
+
+
+def air_course(duration: float, richness: str, rng: np.random.Generator) -> Array:
+    """Positions of all joints (T, 12), rad."""
+    time = np.arange(round(duration / TICK)) * TICK
+    legs = [[_course(time, *_range(kind), richness, rng) for kind in KINDS] for _ in range(4)]
+    return MIRROR * np.array(legs).reshape(12, -1).T
+
+
+def bench_course(duration: float, kind: str, richness: str, rng: np.random.Generator, period: float = TICK) -> Array:
+    """Positions of one joint (T,), rad; `kind` is a joint kind or `rigid`."""
+    return _course(np.arange(round(duration / period)) * period, *_range(kind), richness, rng)

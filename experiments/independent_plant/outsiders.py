@@ -8,8 +8,9 @@ from experiments.independent_plant.bodies import BodyChanges
 from experiments.independent_plant.body_effects import Placed
 from experiments.independent_plant.drive import STEP, Drive
 from experiments.independent_plant.hooks import Family
-from experiments.independent_plant.numbers import Array
+from experiments.independent_plant.numbers import MIRROR, Array, nominal_drive, numbers_file, per_kind
 
+STANCE = MIRROR * per_kind(numbers_file()["default_stance"]["LF"])  # rad
 RANDOM_TABLE = 40.0  # s, a random course longer than any log
 
 
@@ -119,14 +120,14 @@ class FlexibleLink(Family):
 
 class CableSpring(Family):
     name = "cable_spring"
-    about = "a cable to the torso that hardens: -stiffness (x + hardening x^3), x the angle from `rest`"
+    about = "a cable to the torso that hardens: -stiffness (x + hardening x^3), x the angle from the stance + `rest`"
     units: ClassVar = {"stiffness": "N m/rad", "hardening": "1/rad^2", "rest": "rad"}
     neutral: ClassVar = {"hardening": 4.0}
     scaled = "stiffness"
     library = False
 
     def link_torque(self, time: float, position: Array, velocity: Array) -> Array:
-        x = position - self.rest
+        x = position - STANCE - self.rest
         self.torque = -self.stiffness * (x + self.hardening * x**3)
         return self.torque
 
@@ -175,8 +176,6 @@ class EncoderEccentricity(Family):
 
     def __init__(self, batch: int) -> None:
         super().__init__(batch)
-        from experiments.independent_plant.numbers import nominal_drive
-
         self.stiffness = nominal_drive(batch).spring_stiffness
 
     def measure(self, time: float, signals: dict[str, Array]) -> dict[str, Array]:

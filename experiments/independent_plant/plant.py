@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from experiments.independent_plant import leg_geometry
+from experiments.independent_plant.bench_bodies import BenchBodies, Load
 from experiments.independent_plant.bodies import Bodies, BodyChanges, model_text, slope_quaternion
 from experiments.independent_plant.drive import (
     CONTROL_STEPS,
@@ -31,6 +32,7 @@ from experiments.independent_plant.numbers import (
 )
 from experiments.independent_plant.sensors import Sensors, SensorSettings
 
+PERIOD = CONTROL_STEPS * STEP  # s, of the rows
 LOAD_STEPS = 10  # the bearings' radial load is taken anew every 1 ms
 ACCELEROMETER_STEPS = 5  # and the accelerometer averages over 0.5 ms
 DRAG_SPEED = 0.02  # rad/s over which the bearings' small friction turns its sign
@@ -67,7 +69,8 @@ class Recording:
     signals: dict[str, Array]
     command: Command
     true: dict[str, Array]  # signals before the sensors
-    strength: list[list[float]]  # per log and effect; NaN where it is no joint torque
+    power: dict[str, Array]  # effect -> (B, 12) summed squares of its torque, where it is one
+    command_power: Array  # (B, 12) summed squares of the commanded torque
     fallen: Array  # (B,) bool
 
 
@@ -101,15 +104,25 @@ def _changes(setups: Sequence[LogSetup], families: list[Family]) -> list[BodyCha
 class Plant:
     """A batch of robots, ready to be stepped tick by tick."""
 
-    def __init__(self, experiment: str, setups: Sequence[LogSetup], start: Start, rows: int) -> None:
-        if experiment not in ("fixed_base", "ground"):
-            raise ValueError(f"experiment is fixed_base or ground, not {experiment!r}")
+    def __init__(
+        self,
+        experiment: str,
+        setups: Sequence[LogSetup],
+        start: Start,
+        rows: int,
+        loads: Sequence[Load] | None = None,
+    ) -> None:
+        if experiment not in ("fixed_base", "ground", "bench"):
+            raise ValueError(f"experiment is fixed_base, ground or bench, not {experiment!r}")
         self.free = experiment == "ground"
         self.setups = setups
         rngs = [np.random.default_rng([setup.seed, 1]) for setup in setups]
         self.families = families_of([s.effects for s in setups], rngs)
         changes = _changes(setups, self.families)
-        self.bodies = Bodies([model_text(experiment, s.bodies, c) for s, c in zip(setups, changes)])
+        if loads is None:
+            self.bodies = Bodies([model_text(experiment, s.bodies, c) for s, c in zip(setups, changes)])
+        else:
+            self.bodies = BenchBodies(loads, changes)
         self.bodies.place(start.joint_position, start.torso_position, start.torso_orientation)
         numbers = nominal_drive(len(setups))
         for name in UNCERTAIN:
@@ -125,12 +138,17 @@ class Plant:
         self._torso_speed = np.zeros((len(setups), 3))
         self.before = self.now = self._signals()
         sensor_rngs = [np.random.default_rng([setup.seed, 2]) for setup in setups]
-        names = [name for name in self.now if name != "foot_contact"]
+        names = [name for name in self.now if name != "foot_force"]
         self.sensors = Sensors([s.sensors for s in setups], sensor_rngs, rows, names)
-        self.k = 0
-        self.power = {family.name: np.zeros((len(setups), 12)) for family in self.families}
-        self.command_power = np.zeros((len(setups), 12))
+        self.k, self.rows = 0, rows
+        self.forget_strength()
         self.fallen = np.zeros(len(setups), dtype=bool)
+
+    def forget_strength(self) -> None:
+        """Begin anew to sum up the squared torques of the effects and of the commands."""
+        shape = self.drive.current.shape
+        self.power = {family.name: np.zeros(shape) for family in self.families}
+        self.command_power = np.zeros(shape)
 
     def _signals(self) -> dict[str, Array]:
         """What perfect sensors would read."""
@@ -157,6 +175,7 @@ class Plant:
                 "base_linear_velocity": velocity,
                 "base_angular_velocity": omega,
                 "base_acceleration": np.einsum("bji,bj->bi", R, felt),
+                "foot_force": self.bodies.foot_force(),
             }
         return signals
 
@@ -167,7 +186,7 @@ class Plant:
             now, before = family.measure(self.drive.time, now), family.measure(self.drive.time - STEP, before)
         row = self.sensors.row(self.k, now, before, STEP)
         if self.free:
-            row["foot_contact"] = (self.bodies.foot_force() >= self.contact_force).astype(float)
+            row["foot_contact"] = (now["foot_force"] >= self.contact_force).astype(float)
         return row
 
     def tick(self, row: dict[str, Array], command: Command) -> None:
@@ -210,19 +229,6 @@ class Plant:
         motor = self.drive.gear * self.drive.numbers.torque_constant * self.drive.wanted_current
         self.command_power += np.square(np.where(np.isnan(command.position), command.torque, motor))
 
-    def strength(self) -> list[list[float]]:
-        """RMS torque of each effect over the RMS commanded torque of the joints where it acts."""
-        found = []
-        for log, setup in enumerate(self.setups):
-            found.append([])
-            for effect in setup.effects:
-                family = next(f for f in self.families if f.name == effect.effect)
-                joints = family.active[log] > 0.0
-                whole = self.command_power[log, joints].sum()
-                ratio = np.sqrt(self.power[family.name][log, joints].sum() / whole) if whole > 0.0 else np.nan
-                found[-1].append(float(ratio) if family.torque is not None else float("nan"))
-        return found
-
 
 def simulate(
     experiment: str,
@@ -231,20 +237,25 @@ def simulate(
     start: Start,
     duration: float,
     settle: float = 0.0,
+    loads: Sequence[Load] | None = None,
 ) -> Recording:
     """Run a batch for `duration` s after `settle` s under the controller's first command.
 
     `controller(k, row)` sees the measured row k, (B, n) arrays, and returns the Command held until the next.
     """
-    ticks, early = round(duration / (CONTROL_STEPS * STEP)), round(settle / (CONTROL_STEPS * STEP))
-    plant = Plant(experiment, setups, start, ticks + early)
+    early = round(settle / PERIOD)
+    plant = Plant(experiment, setups, start, round(duration / PERIOD) + early, loads)
+    return run(plant, controller, early)
+
+
+def run(plant: Plant, controller: Controller, early: int = 0) -> Recording:
+    """Step a new plant through all its rows; the first `early` of them are not kept."""
     rows: list[dict[str, Array]] = []
     commands: list[Command] = []
     true: list[dict[str, Array]] = []
-    for k in range(-early, ticks):
+    for k in range(-early, plant.rows - early):
         if k == 0:
-            plant.power = {name: 0.0 * power for name, power in plant.power.items()}
-            plant.command_power *= 0.0
+            plant.forget_strength()
         row = plant.measure()
         command = controller(max(k, 0), row)
         if k >= 0:
@@ -253,15 +264,14 @@ def simulate(
             true.append(plant.now)
         plant.tick(row, command)
     return Recording(
-        {name: np.stack([row[name] for row in rows], axis=1) for name in rows[0]},
-        Command(
-            np.stack([command.torque for command in commands], axis=1),
-            np.stack([command.position for command in commands], axis=1),
-        ),
-        {name: np.stack([row[name] for row in true], axis=1) for name in true[0]},
-        plant.strength(),
+        _stacked(rows),
+        Command(*(np.stack([getattr(c, name) for c in commands], axis=1) for name in ("torque", "position"))),
+        _stacked(true),
+        {family.name: plant.power[family.name] for family in plant.families if family.torque is not None},
+        plant.command_power,
         plant.fallen,
     )
 
 
-__all__ = ["Family", "LogSetup", "Plant", "Recording", "Start", "hanging", "simulate", "standing"]
+def _stacked(rows: list[dict[str, Array]]) -> dict[str, Array]:
+    return {name: np.stack([row[name] for row in rows], axis=1) for name in rows[0]}

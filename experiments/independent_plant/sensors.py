@@ -13,6 +13,7 @@ WIDTH = {
     "motor_velocity": 12,
     "joint_torque": 12,
     "motor_current": 12,
+    "applied_torque": 12,
     "base_position": 3,
     "base_orientation": 4,
     "base_linear_velocity": 3,
@@ -26,6 +27,7 @@ NOISE_STD = {
     "motor_velocity": 0.01,
     "joint_torque": 0.05,
     "motor_current": 0.05,
+    "applied_torque": 0.05,
     "base_position": 5e-4,
     "base_orientation": 5e-4,
     "base_linear_velocity": 0.01,
@@ -40,6 +42,7 @@ QUANTUM = {
     "motor_velocity": 1e-3,
     "joint_torque": 1e-2,
     "motor_current": 1e-2,
+    "applied_torque": 1e-2,
     "base_position": 1e-4,
     "base_orientation": 1e-5,
     "base_linear_velocity": 1e-3,
@@ -76,7 +79,8 @@ class Sensors:
         """Row k, from the true signals at the tick and `apart` seconds before it."""
         shift = self.jitter[:, k, None] / apart
         seen = {}
-        for name, value in now.items():
+        for name in self.noise:
+            value = now[name]
             value = value + shift * (value - before[name]) + self.noise[name][:, k]
             step = self.quantum[name]
             seen[name] = np.where(step > 0.0, np.round(value / np.where(step > 0.0, step, 1.0)) * step, value)
