@@ -230,7 +230,12 @@ def _search(file: ParameterFile, history: History | None, sensitivities: Sequenc
             Figure(
                 search_figures.convergence(history),
                 "Convergence. Each stage makes the model harder and starts where the last ended; costs of different "
-                "stages do not compare. The axis is scaled to the good candidates: a fall costs far more.",
+                "stages do not compare. The axis is scaled to the good candidates: a fall costs far more."
+                + (
+                    ""
+                    if history.sigma is None
+                    else " Below, the step size of the search as a share of each parameter’s range."
+                ),
             )
         )
     blocks.append(

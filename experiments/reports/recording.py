@@ -83,19 +83,26 @@ class JumpRecord(Recording):
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """One entry per generation, G in all; stages count from 0 and never fall."""
+    """One entry per generation, G in all; stages count from 0 and never fall. Costs that are not finite become NaN."""
 
     best: np.ndarray  # (G,) cost of the generation's best
-    mean: np.ndarray  # (G,)
-    std: np.ndarray  # (G,)
+    mean: np.ndarray  # (G,) of the generation's costs
     stage: np.ndarray  # (G,) index into `stage_names`
     stage_names: Sequence[str]
     population: int
+    std: np.ndarray | None = None  # (G,) of the generation's costs
+    sigma: np.ndarray | None = None  # (G,) step size of the search, normalised
+
+    def __post_init__(self) -> None:
+        for name in ("best", "mean", "std"):
+            if getattr(self, name) is not None:
+                costs = np.asarray(getattr(self, name), np.float64)
+                object.__setattr__(self, name, np.where(np.isfinite(costs), costs, np.nan))
 
     @property
     def best_so_far(self) -> np.ndarray:
         """(G,) lowest cost so far in the stage: stages score different problems."""
-        return np.concatenate([np.minimum.accumulate(self.best[self.stage == s]) for s in np.unique(self.stage)])
+        return np.concatenate([np.fmin.accumulate(self.best[self.stage == s]) for s in np.unique(self.stage)])
 
 
 @dataclass(frozen=True)

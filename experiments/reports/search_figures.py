@@ -21,11 +21,40 @@ from experiments.reports.recording import History, Sensitivity
 
 
 def convergence(history: History) -> go.Figure:
-    """Cost over generations: best so far, the generations' best, mean and spread, the stages (Fig. 5c)."""
-    figure = new_figure(height=390)
+    """Cost over generations: best so far, each generation's best, mean and spread, the stages (Fig. 5c).
+
+    Below it the step size of the search, where it is known.
+    """
+    with_sigma = history.sigma is not None
+    rows = {"row_heights": [0.76, 0.24], "shared_xaxes": True, "vertical_spacing": 0.06} if with_sigma else {}
+    figure = new_figure(1 + with_sigma, height=470 if with_sigma else 390, **rows)
     generation = np.arange(1, len(history.best) + 1)
+    if history.std is not None:
+        _add_spread(figure, history, generation)
     for n, stage in enumerate(np.unique(history.stage)):
         here, shown = history.stage == stage, {"showlegend": n == 0}
+        x = generation[here]
+        mean = line(x, history.mean[here], "generation's mean", GREY, width=1.3, legendgroup="mean", **shown)
+        best = line(x, history.best_so_far[here], "best so far in the stage", BLUE, width=2.4, legendgroup="best")
+        figure.add_trace(mean, row=1, col=1)
+        figure.add_trace(best.update(line_shape="hv", **shown), row=1, col=1)
+    dots = line(generation, history.best, "generation's best", ORANGE).update(mode="markers", marker_size=4, line=None)
+    figure.add_trace(dots.update(marker_color=ORANGE), row=1, col=1)
+    if with_sigma:
+        figure.add_trace(line(generation, history.sigma, "step size", PURPLE), row=2, col=1)
+        figure.update_yaxes(title="step size σ", type="log", row=2, col=1)
+    shade_phases(figure, phase_spans(generation - 0.5, history.stage, history.stage_names))
+    candidates = f"generation (of {history.population} candidates)"
+    figure.update_xaxes(range=[0.5, len(generation) + 0.5])
+    figure.update_xaxes(title=candidates, row=1 + with_sigma, col=1)
+    figure.update_yaxes(title="cost", range=_cost_range(history), row=1, col=1)
+    return figure
+
+
+def _add_spread(figure: go.Figure, history: History, generation: np.ndarray) -> None:
+    """The band of mean plus and minus one standard deviation, stage by stage."""
+    for n, stage in enumerate(np.unique(history.stage)):
+        here = (history.stage == stage) & np.isfinite(history.mean + history.std)
         x, mean, std = generation[here], history.mean[here], history.std[here]
         figure.add_scatter(
             x=np.concatenate([x, x[::-1]]),
@@ -36,33 +65,20 @@ def convergence(history: History) -> go.Figure:
             mode="lines",
             name="mean ± standard deviation",
             legendgroup="spread",
+            showlegend=n == 0,
             hoverinfo="skip",
-            **shown,
+            row=1,
+            col=1,
         )
-        figure.add_trace(line(x, mean, "generation's mean", GREY, width=1.3, legendgroup="mean", **shown))
-        best = line(x, history.best_so_far[here], "best so far in the stage", BLUE, width=2.4, legendgroup="best")
-        figure.add_trace(best.update(line_shape="hv", **shown))
-    figure.add_scatter(
-        x=generation,
-        y=history.best.astype(np.float32),
-        mode="markers",
-        marker={"color": ORANGE, "size": 4},
-        name="generation's best",
-        hovertemplate="%{y:.4~g}",
-    )
-    # a fall costs a hundred times more than a good jump: scale the axis to the good ones
-    low = float(history.best.min())
-    high = float(np.quantile(np.concatenate([history.mean, history.best_so_far]), 0.9))
-    room = 0.08 * (high - low) + 1e-6
-    shade_phases(figure, _stage_spans(history))
-    figure.update_xaxes(title=f"generation (of {history.population} candidates)", range=[0.5, len(generation) + 0.5])
-    figure.update_yaxes(title="cost", range=[low - room, high + room])
-    return figure
 
 
-def _stage_spans(history: History) -> list[tuple[str, float, float]]:
-    generation = np.arange(0.5, len(history.best))
-    return phase_spans(generation, history.stage, history.stage_names)
+def _cost_range(history: History) -> list[float]:
+    """Scaled to the best of the generations: a fall costs a hundred times more than a good jump."""
+    if not np.isfinite(history.best).any():
+        return [-1.0, 1.0]
+    low, high = float(np.nanmin(history.best)), float(np.nanquantile(history.best, 0.97))
+    width = max(high - low, 1e-6)
+    return [low - 0.08 * width, high + 0.4 * width]
 
 
 def bars(values: Mapping[str, float], *, unit: str, height: int | None = None) -> go.Figure:
