@@ -45,7 +45,7 @@ def export(
     history = History(
         best=np.array([g.best_cost for g in result.history]),
         mean=np.array([g.mean_cost for g in result.history]),
-        std=np.array([g.sigma for g in result.history]),
+        sigma=np.array([g.sigma for g in result.history]),
         stage=np.array([g.stage for g in result.history]),
         stage_names=[stage.name for stage in options.definition.stages],
         population=options.definition.population,
