@@ -1,0 +1,37 @@
+"""Search for parameters: named space, CMA-ES with bounds, stages, checkpoints, gradient refinement. Knows no robot."""
+
+from es.checkpoint import Checkpointer, CheckpointError
+from es.progress import Generation, Progress
+from es.refine import Refined, RefineSettings, refine
+from es.risk import Risk, reduce_costs
+from es.search import (
+    SearchFailed,
+    SearchInterrupted,
+    SearchResult,
+    SearchSettings,
+    StageResult,
+    search,
+)
+from es.space import Parameter, ParameterSpace
+from es.stages import Stage
+
+__all__ = [
+    "CheckpointError",
+    "Checkpointer",
+    "Generation",
+    "Parameter",
+    "ParameterSpace",
+    "Progress",
+    "RefineSettings",
+    "Refined",
+    "Risk",
+    "SearchFailed",
+    "SearchInterrupted",
+    "SearchResult",
+    "SearchSettings",
+    "Stage",
+    "StageResult",
+    "reduce_costs",
+    "refine",
+    "search",
+]
