@@ -21,8 +21,8 @@ class DistributionState(NamedTuple):
 class Iterations(NamedTuple):
     """Fixed numbers of iterations; static."""
 
-    admm: int = 10
-    polish: int = 4
+    admm: int = 5
+    polish: int = 2
 
 
 ITERATIONS = Iterations()
@@ -50,8 +50,11 @@ def distribute_forces(
 ) -> tuple[DistributionState, ForceDistribution]:
     """Contact forces (4, 3) for a desired wrench (6,) on the torso, control frame, about the torso origin."""
     problem = force_problem(settings, legs, wrench_C)
-    first = admm(problem, state.force, state.multiplier, iterations.admm)
-    best = polish(problem, first.force, first.row_force, first.multiplier, iterations.polish)
+    start = state
+    if iterations.admm:
+        start = admm(problem, state.force, state.multiplier, iterations.admm)
+    best = polish(problem, start.force, start.multiplier, iterations.polish)
     force = pull_inside(problem, best.force)
-    wrench = jnp.concatenate([force.sum(0), cross(legs.r_BF_C, force).sum(0)])
+    moment = cross(legs.r_BF_C, force)
+    wrench = jnp.concatenate([force[0] + force[1] + force[2] + force[3], moment[0] + moment[1] + moment[2] + moment[3]])
     return DistributionState(force, best.multiplier), ForceDistribution(force, wrench, best.step_left, best.pull_left)

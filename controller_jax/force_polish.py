@@ -6,8 +6,8 @@ P = I - sum u u^T, the best force on the faces is (Woodbury, in the six numbers 
     force = c + load P A^T nu,    (W I + sum A load P A^T) nu = b - A c.
 
 Each step goes there as far as the bounds let it, each leg on its own where that lowers the cost more, takes up the
-rows that stopped it, and frees rows that pull. Forces stay feasible and the cost falls with every step, so it ends
-at the optimum (primal active set; Nocedal & Wright, Numerical Optimization, 16.5).
+rows that stopped it, and frees a row that pulls. Forces stay feasible and the cost falls with every step, so it
+ends at the optimum (primal active set; Nocedal & Wright, Numerical Optimization, 16.5).
 """
 
 from typing import NamedTuple
@@ -15,32 +15,36 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from controller_jax.force_problem import UNBOUNDED, ForceProblem, pull_inside
-from controller_jax.rotations import TINY, mm, mtv, mv
-from controller_jax.small_linalg import solve_spd
+from controller_jax.force_problem import UNBOUNDED, ForceProblem, pull_inside, weighted_wrench
+from controller_jax.rotations import TINY, dot, mtv, mv
+from controller_jax.small_linalg import cholesky, solve_cholesky
 from controller_jax.types import Array
 
-INDEPENDENT = 1e-3  # least length of a unit row off the others for it to count as a new direction
+INDEPENDENT = 1e-3  # least part of a unit row off the others for it to count as a new direction
+PREDICTED = 0.05  # the same for rows that are only predicted to be active
 ON_FACE = 1e-3  # N, rounding allowed when a predicted face is tried
-PULLING = 1e-5  # relative to the forces in balance: a multiplier more negative than rounding
+PULLING = 1e-5  # of the forces in balance: a multiplier more negative than rounding
+MOVING = 1e-5  # of the step: less change than this of a row's force is rounding
 
 
 class Faces(NamedTuple):
-    """Up to three active rows per leg."""
+    """Up to three active rows per leg, in slots; an empty slot is zero throughout."""
 
-    slots: Array  # (4, 3, 8) which row each slot holds, one-hot, zero if empty
-    side: Array  # (4, 3) +1 at the upper bound, -1 at the lower, 0 empty
+    row: Array  # (4, 3, 8) which row, one-hot
+    side: Array  # (4, 3) +1 at the upper bound, -1 at the lower
+    normal: Array  # (4, 3, 3) the row itself
+    bound: Array  # (4, 3) N
 
 
 class Basis(NamedTuple):
-    """The active rows orthonormalised: row_k = sum_j r_kj u_j."""
+    """The active rows orthonormalised: normal_k = sum_j r_kj u_j, and c = sum_k a_k u_k."""
 
-    u: Array  # (4, 3, 3) unit vectors, zero where a slot is empty or depends on the others
+    u: Array  # (4, 3, 3) zero where a slot is empty or depends on the others
     r10: Array  # (4,)
     r20: Array
     r21: Array
-    length: Array  # (4, 3) r_kk, 1 where u_k is zero
-    nearest: Array  # (4, 3) c
+    length: tuple[Array, Array, Array]  # (4,) each: r_kk, 1 where u_k is zero
+    a: Array  # (4, 3) N
 
 
 class PolishResult(NamedTuple):
@@ -52,150 +56,187 @@ class PolishResult(NamedTuple):
     pull_left: Array  # () largest pull of a row still held, relative to the forces in balance
 
 
-def polish(problem: ForceProblem, force: Array, row_force: Array, multiplier: Array, steps: int) -> PolishResult:
-    """Run a fixed number of active-set steps from what the ADMM found: force (4, 3), rows and multipliers (4, 8)."""
-    faces = _predicted_faces(problem, row_force, multiplier)
-    basis = _basis(problem, faces)
-    on_faces = force - mtv(basis.u, mv(basis.u, force)) + basis.nearest
+class _Carry(NamedTuple):
+    force: Array  # (4, 3)
+    row_force: Array  # (4, 8) rows . force
+    residual: Array  # (6,) A force - b
+    nu: Array  # (6,)
+    faces: Faces
+    result: PolishResult
+
+
+def polish(problem: ForceProblem, force: Array, multiplier: Array, steps: int) -> PolishResult:
+    """Run a fixed number of steps from a force (4, 3) and the multipliers (4, 8) that foretell the active rows."""
+    force, faces = _start(problem, force, multiplier)
+    zero = jnp.zeros(())
+    first = _Carry(
+        force=force,
+        row_force=mv(problem.rows, force),
+        residual=weighted_wrench(problem, force) - problem.b,
+        nu=jnp.zeros(6),
+        faces=faces,
+        result=PolishResult(force, jnp.zeros((4, 8)), zero, zero),
+    )
+    last, _ = jax.lax.scan(lambda carry, _: (_step(problem, carry), None), first, None, length=steps)
+    return last.result
+
+
+def _start(problem: ForceProblem, force: Array, multiplier: Array) -> tuple[Array, Faces]:
+    """Each leg on the (at most three) rows that press most, if that is feasible there, else inside, on none."""
+    pressing, free = jnp.abs(multiplier), jnp.ones((4, 8))
+    rows, units = [], []
+    on_faces = force
+    for _ in range(3):
+        score = jnp.where(free > PREDICTED**2, pressing * free, 0.0)
+        row = _one_hot_largest(score) * (score.max(1) > 0.0)[:, None]
+        side = dot(row, jnp.sign(multiplier))
+        normal = mtv(problem.rows, row)
+        bound = dot(row, jnp.where(side[:, None] > 0.0, problem.upper, problem.lower))
+        u = normal
+        for v in units:
+            u = u - dot(normal, v)[:, None] * v
+        u, length = _unit(u)
+        on_faces = on_faces + ((bound - dot(normal, on_faces)) * side * side / length)[:, None] * u
+        along = mv(problem.rows, u)
+        free, pressing = free - along * along, pressing * (1.0 - row)
+        units.append(u)
+        rows.append((row, side, normal, bound))
     values = mv(problem.rows, on_faces)
-    feasible = ((values >= problem.lower - ON_FACE) & (values <= problem.upper + ON_FACE)).all(1)
+    excess = jnp.maximum(values - problem.upper, problem.lower - values).max(1)
+    feasible = excess < ON_FACE
     force = jnp.where(feasible[:, None], on_faces, pull_inside(problem, force))
     force = jnp.where(problem.load[:, None] > 0.0, force, 0.0)
-    keep = feasible.astype(force.dtype)
-    faces = Faces(faces.slots * keep[:, None, None], faces.side * keep[:, None])
-    zero = jnp.zeros(())
-    carry = (PolishResult(force, jnp.zeros((4, 8)), zero, zero), faces, jnp.zeros(6))
-    carry, _ = jax.lax.scan(lambda c, _: (_step(problem, *c), None), carry, None, length=steps)
-    return carry[0]
-
-
-def _predicted_faces(problem: ForceProblem, row_force: Array, multiplier: Array) -> Faces:
-    """The (at most three) rows at a bound that press most, independent of each other."""
-    at_bound = (row_force <= problem.lower) | (row_force >= problem.upper)
-    pressing = jnp.where(at_bound, jnp.abs(multiplier), 0.0)
-    free = problem.rows
-    slots, sides = [], []
-    for _ in range(3):
-        length2 = (free * free).sum(-1)
-        score = jnp.where(length2 > 2.5e-3, pressing * length2, 0.0)
-        chosen = _one_hot_largest(score) * (score.max(1) > 0.0)[:, None]
-        u = mtv(free, chosen)
-        u = u / jnp.sqrt((u * u).sum(-1, keepdims=True) + TINY)
-        free = free - mv(free, u)[:, :, None] * u[:, None, :]
-        pressing = pressing * (1.0 - chosen)
-        slots.append(chosen)
-        sides.append((chosen * jnp.sign(multiplier)).sum(-1))
-    return Faces(jnp.stack(slots, 1), jnp.stack(sides, 1))
-
-
-def _basis(problem: ForceProblem, faces: Faces) -> Basis:
-    """Gram-Schmidt on the active rows of each leg, and the point on its faces nearest the origin."""
-    g = mm(faces.slots, problem.rows)
-    bound = jnp.where(faces.side[:, :, None] > 0.0, problem.upper[:, None], problem.lower[:, None])
-    bound = (faces.slots * bound).sum(-1)
-    g0, g1, g2 = g[:, 0], g[:, 1], g[:, 2]
-    u0, n0 = _unit(g0)
-    r10, r20 = (g1 * u0).sum(-1), (g2 * u0).sum(-1)
-    u1, n1 = _unit(g1 - r10[:, None] * u0)
-    r21 = (g2 * u1).sum(-1)
-    u2, n2 = _unit(g2 - r20[:, None] * u0 - r21[:, None] * u1)
-    a0 = bound[:, 0]
-    a1 = (bound[:, 1] - r10 * a0) / n1
-    a2 = (bound[:, 2] - r20 * a0 - r21 * a1) / n2
-    u = jnp.stack([u0, u1, u2], 1)
-    nearest = mtv(u, jnp.stack([a0, a1, a2], -1))
-    return Basis(u, r10, r20, r21, jnp.stack([n0, n1, n2], -1), nearest)
+    keep = (feasible & (problem.load > 0.0)).astype(force.dtype)
+    faces = Faces(*(jnp.stack(parts, 1) for parts in zip(*rows, strict=True)))
+    return force, jax.tree.map(lambda x: x * keep.reshape((4,) + (1,) * (x.ndim - 1)), faces)
 
 
 def _unit(v: Array) -> tuple[Array, Array]:
     """Unit vectors and lengths of (4, 3); (zero, 1) where too short to be a direction."""
-    length = jnp.sqrt((v * v).sum(-1) + TINY)
+    length = jnp.sqrt(dot(v, v) + TINY)
     real = length > INDEPENDENT
     return jnp.where(real[:, None], v / length[:, None], 0.0), jnp.where(real, length, 1.0)
 
 
-def _along_faces(u: Array, v: Array) -> Array:
-    """P v; twice, because v may be 1e7 times what must remain of it."""
-    v = v - mtv(u, mv(u, v))
-    return v - mtv(u, mv(u, v))
+def _basis(faces: Faces) -> Basis:
+    """Gram-Schmidt on the active rows of each leg, and the point on its faces nearest the origin."""
+    g0, g1, g2 = faces.normal[:, 0], faces.normal[:, 1], faces.normal[:, 2]
+    u0, n0 = _unit(g0)
+    r10, r20 = dot(g1, u0), dot(g2, u0)
+    u1, n1 = _unit(g1 - r10[:, None] * u0)
+    r21 = dot(g2, u1)
+    u2, n2 = _unit(g2 - r20[:, None] * u0 - r21[:, None] * u1)
+    a0 = faces.bound[:, 0]
+    a1 = (faces.bound[:, 1] - r10 * a0) / n1
+    a2 = (faces.bound[:, 2] - r20 * a0 - r21 * a1) / n2
+    return Basis(jnp.stack([u0, u1, u2], 1), r10, r20, r21, (n0, n1, n2), jnp.stack([a0, a1, a2], 1))
 
 
-def _step(problem: ForceProblem, so_far: PolishResult, faces: Faces, nu: Array):
-    force = so_far.force
-    A, load, W = problem.A, problem.load, problem.regularizer
-    basis = _basis(problem, faces)
-    u = basis.u
-    P = (jnp.eye(3)[None] - mm(jnp.swapaxes(u, 1, 2), u)) * load[:, None, None]
-    PA = mm(P, jnp.swapaxes(A, 1, 2))
-    M = W * jnp.eye(6) + mm(A, PA).sum(0)
-    # nu of the last step, refined: float32 alone would leave 1 % where W is 1e-5 of the rest
-    start = basis.nearest * (load > 0.0)[:, None] + load[:, None] * _along_faces(u, mtv(A, nu[None]))
-    missing = problem.b - mv(A, start).sum(0) - W * nu
-    nu = nu + solve_spd(M, missing[:, None])[:, 0]
-    balance = mtv(A, nu[None])
-    best = basis.nearest * (load > 0.0)[:, None] + load[:, None] * _along_faces(u, balance)
+def _best_on_faces(problem: ForceProblem, basis: Basis, nu: Array) -> tuple[Array, Array, Array]:
+    """Best force (4, 3) on the faces, its nu (6,), and how hard each u_k is pressed (4, 3), over W."""
+    A, u, load, W = problem.A, basis.u, problem.load, problem.regularizer
+    A_u = sum(A[:, :, None, k] * u[None, :, :, k] for k in range(3))  # (6, 4, 3)
+    A_P = A - sum(A_u[:, :, k, None] * u[None, :, k] for k in range(3))
+    A_P_load = A_P * load[None, :, None]
+    M = W * jnp.eye(6) + A_P_load.reshape(6, 12) @ A_P.reshape(6, 12).T
+    c = mtv(u, basis.a) * (load > 0.0)[:, None]
+
+    def force(nu: Array) -> Array:
+        # projected twice: A^T nu may be 1e7 times what must remain of it
+        along = (nu @ A_P_load.reshape(6, 12)).reshape(4, 3)
+        return c + along - mtv(u, mv(u, along))
+
+    # the last step's nu is refined, not thrown away: float32 alone would leave errors where W is 1e-5 of S
+    missing = problem.b - weighted_wrench(problem, force(nu)) - W * nu
+    nu = nu + solve_cholesky(cholesky(M), missing)
+    pressed = (nu @ A_u.reshape(6, 12)).reshape(4, 3) - basis.a / jnp.where(load > 0.0, load, 1.0)[:, None]
+    return force(nu), nu, pressed
+
+
+def _step(problem: ForceProblem, carry: _Carry) -> _Carry:
+    faces, force = carry.faces, carry.force
+    basis = _basis(faces)
+    best, nu, pressed = _best_on_faces(problem, basis, carry.nu)
     d = best - force
-
-    ratio, blocking, direction = _first_bound(problem, faces, force, d)
+    change = mv(problem.rows, d)
+    ratio, row, direction = _first_bound(problem, carry, d, change)
     common = jnp.minimum(ratio.min(), 1.0)
-    alone = jnp.minimum(ratio, 1.0)
-    own_way = _change(problem, force, alone[:, None] * d) < _change(problem, force, common * d)
-    fraction = jnp.where(own_way, alone, common)
-    stopped = (ratio < 1.0) & (own_way | (ratio <= common))
-    arrived = common >= 1.0
+    fraction = _fraction(problem, carry, d, jnp.minimum(ratio, 1.0), common)
+    stopped = (ratio < 1.0) & (ratio <= fraction)
 
-    inverse_load = 1.0 / jnp.where(load > 0.0, load, 1.0)
-    pressure = _pressure(basis, balance - best * inverse_load[:, None])
-    pull = -pressure * faces.side / (jnp.abs(balance).max() + jnp.abs(best).max() + 1.0)
-    freed = _one_hot_largest(pull) * (pull > PULLING) * arrived
-    held = Faces(faces.slots * (1.0 - freed)[:, :, None], faces.side * (1.0 - freed))
-    after = _take_up(held, blocking, direction, stopped)
-    step_left = jnp.abs(best - force - fraction[:, None] * d).max()
-    multiplier = problem.regularizer * (pressure[:, :, None] * held.slots).sum(1)
-    return PolishResult(force + fraction[:, None] * d, multiplier, step_left, pull.max()), after, nu
+    pressure = _pressure(basis, pressed)
+    scale = jnp.abs(pressure).max() + jnp.abs(best).max() + 1.0
+    pull = -pressure * faces.side / scale
+    freed = _one_hot_largest(pull) * (pull > PULLING) * (common >= 1.0)
+    held = jax.tree.map(lambda x: x * (1.0 - freed).reshape((4, 3) + (1,) * (x.ndim - 2)), faces)
+    taken = _take_up(problem, held, row, direction, stopped)
+
+    step = fraction[:, None] * d
+    multiplier = problem.regularizer * mtv(held.row, pressure)
+    return _Carry(
+        force=force + step,
+        row_force=carry.row_force + fraction[:, None] * change,
+        residual=carry.residual + weighted_wrench(problem, step),
+        nu=nu,
+        faces=taken,
+        result=PolishResult(force + step, multiplier, jnp.abs(d - step).max(), pull.max()),
+    )
 
 
-def _first_bound(problem: ForceProblem, faces: Faces, force: Array, d: Array) -> tuple[Array, Array, Array]:
+def _first_bound(problem: ForceProblem, carry: _Carry, d: Array, change: Array) -> tuple[Array, Array, Array]:
     """How far each leg can go along d (4,), the row that stops it (4, 8), one-hot, and at which side (4,)."""
-    value, change = mv(problem.rows, force), mv(problem.rows, d)
-    room = jnp.maximum(jnp.where(change > 0.0, problem.upper - value, value - problem.lower), 0.0)
-    moving = jnp.abs(change) > 1e-5 * jnp.abs(d).max(1, keepdims=True) + TINY
-    can_stop = moving & (faces.slots.sum(1) == 0.0) & (problem.load > 0.0)[:, None]
-    ratio = jnp.where(can_stop, room / jnp.where(moving, jnp.abs(change), 1.0), UNBOUNDED)
+    room = jnp.where(change > 0.0, problem.upper - carry.row_force, carry.row_force - problem.lower)
+    speed = jnp.abs(change)
+    slots = carry.faces.row
+    active = slots[:, 0] + slots[:, 1] + slots[:, 2]
+    moving = (speed > MOVING * jnp.abs(d).max(1, keepdims=True) + TINY) & (active == 0.0)
+    moving = moving & (problem.load > 0.0)[:, None]
+    ratio = jnp.where(moving, jnp.maximum(room, 0.0) / jnp.where(moving, speed, 1.0), UNBOUNDED)
     row = _one_hot_largest(-ratio)
-    return ratio.min(1), row, (row * jnp.sign(change)).sum(1)
+    return ratio.min(1), row, dot(row, jnp.sign(change))
 
 
-def _change(problem: ForceProblem, force: Array, d: Array) -> Array:
-    """Change of the cost (half of eq. 6) by a step d (4, 3)."""
-    inverse_load = 1.0 / jnp.where(problem.load > 0.0, problem.load, 1.0)
-    W = problem.regularizer * inverse_load[:, None]
-    residual = mv(problem.A, force).sum(0) - problem.b
-    wrench = mv(problem.A, d).sum(0)
-    return (wrench * (residual + 0.5 * wrench)).sum() + (W * d * (force + 0.5 * d)).sum()
+def _fraction(problem: ForceProblem, carry: _Carry, d: Array, alone: Array, common: Array) -> Array:
+    """Part of d that each leg goes (4,): all alike, or each up to its own bound, whichever lowers the cost more."""
+    W = problem.regularizer / jnp.where(problem.load > 0.0, problem.load, 1.0)
+    wrench = sum(problem.A[:, :, k] * d[None, :, k] for k in range(3))  # (6, 4)
+    linear, square = W * dot(carry.force, d), 0.5 * W * dot(d, d)
+
+    def change(fraction: Array) -> Array:
+        """Of the cost, half of eq. 6."""
+        w = mv(wrench, fraction)
+        return dot(w, carry.residual + 0.5 * w) + dot(fraction, linear + fraction * square)
+
+    together = jnp.full(4, 1.0) * common
+    return jnp.where(change(alone) < change(together), alone, together)
 
 
-def _pressure(basis: Basis, t: Array) -> Array:
-    """Multipliers (4, 3), over W, of the active rows: t = sum_k pressure_k row_k by back substitution."""
-    t = mv(basis.u, t)
-    m2 = t[:, 2] / basis.length[:, 2]
-    m1 = (t[:, 1] - basis.r21 * m2) / basis.length[:, 1]
-    m0 = (t[:, 0] - basis.r10 * m1 - basis.r20 * m2) / basis.length[:, 0]
-    return jnp.stack([m0, m1, m2], -1)
+def _pressure(basis: Basis, pressed: Array) -> Array:
+    """Multipliers (4, 3), over W, of the active rows, by back substitution; > 0 presses at an upper bound."""
+    n0, n1, n2 = basis.length
+    m2 = pressed[:, 2] / n2
+    m1 = (pressed[:, 1] - basis.r21 * m2) / n1
+    m0 = (pressed[:, 0] - basis.r10 * m1 - basis.r20 * m2) / n0
+    return jnp.stack([m0, m1, m2], 1)
 
 
-def _take_up(faces: Faces, row: Array, direction: Array, stopped: Array) -> Faces:
-    """Put the rows (4, 8) of the stopped legs into their first empty slots."""
-    empty = (faces.side == 0.0).astype(row.dtype)
-    taken = 1.0 - empty
-    first = jnp.stack([empty[:, 0], empty[:, 1] * taken[:, 0], empty[:, 2] * taken[:, 0] * taken[:, 1]], 1)
-    first = first * stopped[:, None]
-    slots = faces.slots + first[:, :, None] * row[:, None, :]
-    return Faces(slots, faces.side + first * direction[:, None])
+def _take_up(problem: ForceProblem, faces: Faces, row: Array, direction: Array, stopped: Array) -> Faces:
+    """Put the rows (4, 8) that stopped a leg into its first empty slot."""
+    empty = (faces.side == 0.0).astype(row.dtype) * stopped[:, None]
+    second = empty[:, 1] * (1.0 - empty[:, 0])
+    third = empty[:, 2] * (1.0 - empty[:, 0]) * (1.0 - empty[:, 1])
+    slot = jnp.stack([empty[:, 0], second, third], 1)
+    bound = dot(row, jnp.where(direction[:, None] > 0.0, problem.upper, problem.lower))
+    return Faces(
+        faces.row + slot[:, :, None] * row[:, None, :],
+        faces.side + slot * direction[:, None],
+        faces.normal + slot[:, :, None] * mtv(problem.rows, row)[:, None, :],
+        faces.bound + slot * bound[:, None],
+    )
 
 
 def _one_hot_largest(score: Array) -> Array:
-    """One-hot (..., n) of the (first) largest entry."""
-    index = jnp.arange(score.shape[-1])
+    """One-hot (..., n) of the first largest entry."""
     best = jnp.argmax(score, -1, keepdims=True)
-    return (index.reshape((1,) * (score.ndim - 1) + (-1,)) == best).astype(score.dtype)
+    index = jnp.arange(score.shape[-1]).reshape((1,) * (score.ndim - 1) + (-1,))
+    return (index == best).astype(score.dtype)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from controller_jax.rotations import TINY, cross, mv, skew
+from controller_jax.rotations import TINY, cross, dot, mv, skew
 from controller_jax.types import Array
 
 UNBOUNDED = 1e6  # N, stands for no bound: finite, so that no infinity meets a zero
@@ -38,7 +38,7 @@ class SupportLegs(NamedTuple):
 class ForceProblem(NamedTuple):
     """min |A force - b|^2 + regularizer sum |force_i|^2 / load_i  subject to  lower <= rows force <= upper."""
 
-    A: Array  # (4, 6, 3) weighted wrench of a force on each foot
+    A: Array  # (6, 4, 3) weighted wrench of a force on each foot, 0 for a leg in the air
     b: Array  # (6,) weighted desired wrench
     rows: Array  # (4, 8, 3) unit rows
     lower: Array  # (4, 8) N
@@ -55,12 +55,14 @@ def force_problem(settings: DistributionSettings, legs: SupportLegs, wrench_C: A
     always a feasible force, the pyramid and the minimal normal force hold in any case.
     """
     weight = jnp.sqrt(settings.wrench_weight)
-    wrench_of_force = jnp.concatenate([jnp.broadcast_to(jnp.eye(3), (4, 3, 3)), skew(legs.r_BF_C)], 1)
+    forces = jnp.broadcast_to(jnp.eye(3)[:, None], (3, 4, 3))
+    wrench_of_force = jnp.concatenate([forces, jnp.swapaxes(skew(legs.r_BF_C), 0, 1)])
     supporting = (legs.load > 0.0).astype(legs.load.dtype)
-    A = weight[None, :, None] * wrench_of_force * supporting[:, None, None]
+    A = weight[:, None, None] * wrench_of_force * supporting[None, :, None]
 
-    length = jnp.sqrt((legs.J_BF_C * legs.J_BF_C).sum(1) + TINY)  # (4, 3) of the Jacobian's columns
-    torque_rows = jnp.swapaxes(legs.J_BF_C, 1, 2) / length[:, :, None]
+    columns = jnp.swapaxes(legs.J_BF_C, 1, 2)
+    length = jnp.sqrt(dot(columns, columns) + TINY)  # (4, 3)
+    torque_rows = columns / length[:, :, None]
     limits = settings.torque_limits.reshape(4, 3, 2)
     # torque = weight_torque - J^T force (eq. 7) within its limits
     torque_lower = (legs.weight_torque - limits[:, :, 1]) / length
@@ -114,6 +116,11 @@ def _interior(friction: Array, minimal: Array, J: Array, rows: Array, lower: Arr
     ray = jnp.where(better, rays[:, 0], rays[:, 1])
     height = jnp.where(room > 0.0, start + 0.5 * room, minimal)
     return ray * height[:, None]
+
+
+def weighted_wrench(problem: ForceProblem, force: Array) -> Array:
+    """A force (6,) of forces (4, 3)."""
+    return problem.A.reshape(6, 12) @ force.reshape(12)
 
 
 def pull_inside(problem: ForceProblem, force: Array) -> Array:

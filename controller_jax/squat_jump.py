@@ -11,9 +11,9 @@ from typing import Final, NamedTuple
 import jax.numpy as jnp
 
 from controller_jax.force_distribution import (
+    ITERATIONS,
     DistributionSettings,
     DistributionState,
-    ITERATIONS,
     Iterations,
     SupportLegs,
     distribute_forces,
@@ -34,6 +34,7 @@ FLIGHT: Final = 2.0
 LANDING: Final = 3.0
 
 RISING: Final = 0.2  # m/s upwards: feet without load below this are no take-off
+LEAST_ROOM: Final = 0.02  # m for the deceleration, however low the touch-down
 OVERTIME: Final = 0.1  # s after the launch window for a take-off; later the robot just stands up
 
 
@@ -57,7 +58,9 @@ class SquatJumpSettings(NamedTuple):
     crouch_time: Array  # () s
     launch_time: Array  # () s, length of the height spline
     landing_height: Array  # () torso above ground when standing again, m
-    landing_time: Array  # () s from touch-down to there
+    lowest_height: Array  # () torso above ground, that the landing may use up, m
+    deceleration: Array  # () least of the landing, m/s^2
+    rise_time: Array  # () s from the lowest point to standing
     control_period: Array  # () s
 
 
@@ -85,6 +88,7 @@ class SquatJumpInfo(NamedTuple):
     force: Array  # (4, 3) desired contact forces lambda, control frame, N
     cone_use: Array  # (4,) |tangential| / (mu normal) of lambda, 0 for legs in the air
     foot_below_hip: Array  # () planned in flight, m
+    legs: SupportLegs  # with desired_wrench the input of the force distribution
     step_left: Array  # () residuals of the distribution
     pull_left: Array  # ()
 
@@ -95,7 +99,7 @@ def default_settings(geometry: LegGeometry, control_period: float = 2.5e-3) -> S
     def vector(*values: float) -> Array:
         return jnp.asarray(values, jnp.float32)
 
-    def gains(vertical_p: float, vertical_i: float, vertical_d: float) -> Gains:
+    def gains(vertical_p: float, vertical_i: float, vertical_d: float, mass: Array) -> Gains:
         return Gains(
             force_p=vector(500.0, 640.0, vertical_p),
             force_i=vector(250.0, 320.0, vertical_i),
@@ -103,13 +107,13 @@ def default_settings(geometry: LegGeometry, control_period: float = 2.5e-3) -> S
             torque_p=vector(400.0, 200.0, 0.0),
             torque_i=vector(200.0, 100.0, 0.0),
             torque_d=vector(6.0, 9.0, 50.0),
-            mass=geometry.torso_mass,
+            mass=mass,
         )
 
     return SquatJumpSettings(
         geometry=geometry,
-        launch_gains=gains(600.0, 600.0, 120.0),
-        landing_gains=gains(600.0, 300.0, 120.0),
+        launch_gains=gains(600.0, 600.0, 120.0, geometry.torso_mass),
+        landing_gains=gains(300.0, 300.0, 350.0, geometry.torso_mass + 4.0 * geometry.link_mass.sum()),
         integral_limits=IntegralLimits(jnp.float32(30.0), jnp.float32(10.0)),
         distribution=DistributionSettings(
             wrench_weight=vector(1.0, 1.0, 1.0, 20.0, 20.0, 5.0),
@@ -121,7 +125,9 @@ def default_settings(geometry: LegGeometry, control_period: float = 2.5e-3) -> S
         crouch_time=jnp.float32(0.3),
         launch_time=jnp.float32(0.4),
         landing_height=jnp.float32(0.42),
-        landing_time=jnp.float32(0.5),
+        lowest_height=jnp.float32(0.28),
+        deceleration=jnp.float32(20.0),
+        rise_time=jnp.float32(0.55),
         control_period=jnp.float32(control_period),
     )
 
@@ -165,7 +171,7 @@ def step(
     target = _torso_target(state, robot, feet_W, support, height)
     R_WC = control_frame(robot.R_WB, jnp.array([0.0, 0.0, 1.0]))
     gains = _gains(settings, params, state)
-    settled = (state.phase == CROUCH) | (state.phase == LANDING)
+    settled = (state.phase == CROUCH) | ((state.phase == LANDING) & (elapsed > settings.rise_time))
     learning = settings.control_period * settled
     integrals, wrench = virtual_model(
         gains, settings.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, learning
@@ -198,6 +204,7 @@ def step(
         force=forces.force,
         cone_use=support * tangential / normal,
         foot_below_hip=foot_below_hip,
+        legs=support_legs,
         step_left=forces.step_left,
         pull_left=forces.pull_left,
     )
@@ -242,16 +249,29 @@ def _desired_height(
 ) -> Curve:
     """Torso above ground with rate and acceleration, by phase."""
     launch = quintic_spline(params.height_knots, settings.launch_time, elapsed, "rest", "free")
+    landing = _landing_height(settings, state.entry, elapsed)
     zero = jnp.zeros(())
-    start = Curve(state.entry[0], state.entry[1], zero)
-    end = Curve(settings.landing_height, zero, zero)
-    landing = quintic(start, end, settings.landing_time, jnp.minimum(elapsed, settings.landing_time))
     crouch = Curve(params.initial_height, zero, zero)
 
     def choose(crouch: Array, launch: Array, landing: Array) -> Array:
         return jnp.where(state.phase == CROUCH, crouch, jnp.where(state.phase == LAUNCH, launch, landing))
 
     return Curve(*(choose(*parts) for parts in zip(crouch, launch, landing, strict=True)))
+
+
+def _landing_height(settings: SquatJumpSettings, entry: Array, elapsed: Array) -> Curve:
+    """Even deceleration from touch-down (height, rate) to rest above the lowest height, then a quintic up."""
+    height, rate = entry[0], jnp.minimum(entry[1], 0.0)
+    room = jnp.maximum(height - settings.lowest_height, LEAST_ROOM)
+    deceleration = jnp.maximum(settings.deceleration, 0.5 * rate * rate / room)
+    stop = -rate / deceleration
+    zero = jnp.zeros(())
+    t = jnp.minimum(elapsed, stop)
+    slowing = Curve(height + t * (rate + 0.5 * deceleration * t), rate + deceleration * t, deceleration)
+    bottom = Curve(height + 0.5 * rate * stop, zero, zero)
+    top = Curve(settings.landing_height, zero, zero)
+    rising = quintic(bottom, top, settings.rise_time, jnp.clip(elapsed - stop, 0.0, settings.rise_time))
+    return Curve(*(jnp.where(elapsed < stop, a, b) for a, b in zip(slowing, rising, strict=True)))
 
 
 def _torso_target(
