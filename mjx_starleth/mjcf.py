@@ -42,7 +42,7 @@ def mjcf(
     if position_gains is not None:
         kp, kd = position_gains
         servos = "".join(
-            f'<general joint="{leg}_{joint}" gaintype="fixed" biastype="affine" gainprm="{kp}" biasprm="0 {-kp} {-kd}"/>'
+            f'<general joint="{leg}_{joint}" biastype="affine" gainprm="{kp}" biasprm="0 {-kp} {-kd}"/>'
             for leg in LEGS
             for joint in JOINTS
         )
@@ -51,8 +51,8 @@ def mjcf(
  iterations="{solver_iterations}" cone="{cone}" impratio="{impratio}"><flag eulerdamp="disable"/></option>
 <default><joint armature="{armature}" damping="{damping}"/><geom contype="0" conaffinity="0" mass="0"/></default>
 <worldbody><geom name="floor" type="plane" size="0 0 1"/>
-<body name="torso" pos="0 0 {numbers.default_stance.base_height}"><freejoint name="base"/>{_inertial(b.torso)}{legs}</body>
-</worldbody>
+<body name="torso" pos="0 0 {numbers.default_stance.base_height}"><freejoint name="base"/>
+{_inertial(b.torso)}{legs}</body></worldbody>
 <contact>{pairs if contact else ""}</contact>
 <actuator>{servos}</actuator>
 </mujoco>"""
@@ -71,9 +71,7 @@ def _leg(numbers: RobotNumbers, leg: str, fore: float, left: float) -> str:
 
 
 def _link(name: str, position: tuple[float, ...], link: Link, joint: str, axis: str) -> str:
-    return (
-        f'<body name="{name}" pos="{_text(*position)}">{_inertial(link)}<joint name="{joint}" axis="{axis}"/>'
-    )
+    return f'<body name="{name}" pos="{_text(*position)}">{_inertial(link)}<joint name="{joint}" axis="{axis}"/>'
 
 
 def _inertial(body: RigidBody) -> str:

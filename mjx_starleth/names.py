@@ -11,6 +11,4 @@ FORE_SIGN: Final = (1.0, 1.0, -1.0, -1.0)
 LEFT_SIGN: Final = (1.0, -1.0, 1.0, -1.0)
 
 # What a number given for the left fore leg becomes on each leg: right legs mirror HAA, hind legs HFE and KFE.
-JOINT_SIGN: Final = tuple(
-    sign for fore, left in zip(FORE_SIGN, LEFT_SIGN, strict=True) for sign in (left, fore, fore)
-)
+JOINT_SIGN: Final = tuple(sign for fore, left in zip(FORE_SIGN, LEFT_SIGN, strict=True) for sign in (left, fore, fore))

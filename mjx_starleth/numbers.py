@@ -6,7 +6,6 @@ and how sure they are stands in the README.
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -48,9 +47,7 @@ class JointIntervals(_Numbers):
         for joint in ("HAA", "HFE", "KFE"):
             low, high = getattr(self, joint)
             if not low < high:
-                raise ValueError(
-                    f"the lower bound of {joint} ({low:g}) must be below its upper bound ({high:g})"
-                )
+                raise ValueError(f"the lower bound of {joint} ({low:g}) must be below its upper bound ({high:g})")
         return self
 
 
@@ -65,9 +62,7 @@ class RigidBody(_Numbers):
     def _triangle(self) -> Self:
         small, middle, large = sorted(self.inertia_diagonal)
         if small + middle < large * (1 - 1e-9):
-            raise ValueError(
-                "no rigid body has this inertia: the largest moment exceeds the sum of the other two"
-            )
+            raise ValueError("no rigid body has this inertia: the largest moment exceeds the sum of the other two")
         return self
 
 
@@ -185,9 +180,7 @@ class LoopNumbers(_Numbers):
         for inner, outer in (("current", "velocity"), ("velocity", "control")):
             ratio = getattr(self, f"{outer}_period") / getattr(self, f"{inner}_period")
             if ratio < 1 - 1e-6 or abs(ratio - round(ratio)) > 1e-6:
-                raise ValueError(
-                    f"{outer}_period must be a whole number of {inner}_period, not {ratio:g} of them"
-                )
+                raise ValueError(f"{outer}_period must be a whole number of {inner}_period, not {ratio:g} of them")
         return self
 
 
@@ -215,9 +208,7 @@ def load_numbers(path: str | Path | None = None) -> RobotNumbers:
     source = Path(path) if path is not None else resources.files(__package__) / "starleth.json"
     try:
         if path is not None and source.stat().st_size > MAX_FILE_BYTES:
-            raise ValueError(
-                f"Robot file {source} is larger than {MAX_FILE_BYTES} bytes; it is no robot file."
-            )
+            raise ValueError(f"Robot file {source} is larger than {MAX_FILE_BYTES} bytes; it is no robot file.")
         text = source.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         raise ValueError(f"Robot file {source} is not UTF-8 text.") from None
@@ -246,8 +237,3 @@ def numbers_hash(numbers: RobotNumbers) -> str:
     data = numbers.model_dump(mode="json", exclude={"about"})
     text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def slope_normal(angle: float, direction: float = 0.0) -> tuple[float, float, float]:
-    """Normal of a plane that falls by `angle` towards `direction` (from world x about z), rad."""
-    return (math.sin(angle) * math.cos(direction), math.sin(angle) * math.sin(direction), math.cos(angle))

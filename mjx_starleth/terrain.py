@@ -1,8 +1,8 @@
 """The ground: a plane of any slope, obstacles that raise it and patches that change its friction.
 
-An obstacle adds `height * f(x) * f(y)` along the plane's normal, where f rises from 0 to 1 over `flank`: a short
-flank makes a flat-topped box or step, a flank as long as the obstacle a smooth bump. The ground is thus one
-height field with one normal everywhere, and a foot has one contact.
+An obstacle adds `height * f(x) * f(y)` along the plane's normal, where f rises smoothly from 0 to 1 over `flank`: a
+short flank makes a flat-topped box or step, a flank as long as the obstacle a bump. The ground is thus one height
+field with one normal everywhere, and a foot has one contact.
 """
 
 from typing import NamedTuple
@@ -11,105 +11,111 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from mjx_starleth.block_solve import total
+from mjx_starleth.rotation import cross
+
 Array = jax.Array
 
 
 class Terrain(NamedTuple):
     """Ground in the world frame. K obstacles and P friction patches; their numbers are static and may be 0.
 
-    Positions on the plane are measured from the plane's point nearest to the world's origin, along t1 (the world's x
-    axis projected on the plane) and t2 = normal x t1.
+    Places on the plane are measured from its point nearest to the world's origin, along t1 (the world's x axis
+    projected on the plane) and t2 = normal x t1.
     """
 
     normal: Array  # (3,) unit
     offset: Array  # () m, the plane is normal . r = offset
     obstacle_centre: Array  # (K, 2) m
-    obstacle_half_size: Array  # (K, 2) m, to the middle of the flank
+    obstacle_half_size: Array  # (K, 2) from the centre to the middle of the flank, m
     obstacle_yaw: Array  # (K,) rad
-    obstacle_height: Array  # (K,) m, may be negative
-    obstacle_flank: Array  # (K,) m, horizontal length of the flank, > 0
+    obstacle_height: Array  # (K,) m, negative is a hole
+    obstacle_flank: Array  # (K,) horizontal length of the flank, m
     patch_centre: Array  # (P, 2) m
     patch_half_size: Array  # (P, 2) m
-    patch_friction: Array  # (P,) friction coefficient inside the patch
+    patch_friction: Array  # (P,) friction coefficient inside the patch; of two patches the later one counts
 
 
 class GroundContact(NamedTuple):
     """What four spherical feet see of the ground."""
 
     gap: Array  # (4,) distance of the sphere to the ground, negative inside, m
-    normal: Array  # (4, 3) unit, out of the ground
+    frame: Array  # (4, 3, 3) rows t1, t2, n: unit, n out of the ground, world frame
     friction: Array  # (4,)
 
 
-def plane(normal=(0.0, 0.0, 1.0), offset=0.0, obstacles: int = 0, patches: int = 0) -> Terrain:
-    """A plane with room for obstacles (all of height 0) and patches (all of size 0)."""
-    normal = np.asarray(normal, np.float32)
-    size = np.linalg.norm(normal)
-    if normal.shape != (3,) or not size > 0 or not normal[2] > 0:
+def plane(
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0), offset: float = 0.0, obstacles: int = 0, patches: int = 0
+) -> Terrain:
+    """A plane with room for obstacles (of height 0) and patches (of size 0).
+
+    Raises ValueError if the normal does not point upwards.
+    """
+    n = np.asarray(normal, float)
+    if n.shape != (3,) or not np.isfinite(n).all() or not n[2] > 0:
         raise ValueError("The ground's normal must be three numbers that point upwards.")
-    k, p = obstacles, patches
-    zeros = lambda *shape: np.zeros(shape, np.float32)  # noqa: E731
     return Terrain(
-        normal=normal / size,
+        normal=np.float32(n / np.linalg.norm(n)),
         offset=np.float32(offset),
-        obstacle_centre=zeros(k, 2),
-        obstacle_half_size=zeros(k, 2) + np.float32(0.1),
-        obstacle_yaw=zeros(k),
-        obstacle_height=zeros(k),
-        obstacle_flank=zeros(k) + np.float32(0.01),
-        patch_centre=zeros(p, 2),
-        patch_half_size=zeros(p, 2),
-        patch_friction=zeros(p),
+        obstacle_centre=np.zeros((obstacles, 2), np.float32),
+        obstacle_half_size=np.full((obstacles, 2), 0.1, np.float32),
+        obstacle_yaw=np.zeros(obstacles, np.float32),
+        obstacle_height=np.zeros(obstacles, np.float32),
+        obstacle_flank=np.full(obstacles, 0.01, np.float32),
+        patch_centre=np.zeros((patches, 2), np.float32),
+        patch_half_size=np.zeros((patches, 2), np.float32),
+        patch_friction=np.zeros(patches, np.float32),
     )
 
 
-def tangents(normal: Array) -> tuple[Array, Array]:
-    """Unit vectors t1 (world x projected on the plane) and t2 = normal x t1; both (3,)."""
-    ex = jnp.zeros(3, normal.dtype).at[0].set(1.0)
-    t1 = ex - normal[0] * normal
-    t1 = t1 / jnp.sqrt((t1 * t1).sum())
-    return t1, jnp.cross(normal, t1)
+def slope_normal(angle: float, direction: float = 0.0) -> tuple[float, float, float]:
+    """Normal of a plane that falls by `angle` towards `direction` (from the world's x axis about z), rad."""
+    return (np.sin(angle) * np.cos(direction), np.sin(angle) * np.sin(direction), np.cos(angle))
+
+
+def contact_frame(normal: Array) -> Array:
+    """Rows t1, t2, n (..., 3, 3) of unit normals (..., 3): t1 is the world's x axis projected on the surface."""
+    along = np.float32([1, 0, 0]) - normal[..., :1] * normal
+    t1 = along * jax.lax.rsqrt(total(along * along))[..., None]
+    return jnp.stack([t1, cross(normal, t1), normal], -2)
 
 
 def ground_contact(terrain: Terrain, r_WF: Array, radius: Array, friction: Array) -> GroundContact:
-    """Gap, normal and friction under four feet with centres r_WF (4, 3) m.
+    """Gap, contact frame and friction under feet with centres r_WF (4, 3) m.
 
-    Beside an obstacle the gap is exact to first order: height above the field, times the cosine of its slope.
+    Over an obstacle's flank the gap is exact to first order: height above the field times the cosine of its slope.
     """
-    count = r_WF.shape[0]
-    height = (r_WF * terrain.normal[None]).sum(-1) - terrain.offset
-    normal = jnp.broadcast_to(terrain.normal, (count, 3))
-    friction = jnp.broadcast_to(friction, (count,))
-    if terrain.obstacle_height.shape[0] + terrain.patch_friction.shape[0] == 0:
-        return GroundContact(height - radius, normal, friction)
+    feet = r_WF.shape[0]
+    level = contact_frame(terrain.normal)
+    height = total(r_WF * terrain.normal[None]) - terrain.offset
+    friction = jnp.broadcast_to(friction, (feet,))
+    if not terrain.patch_friction.shape[0] and not terrain.obstacle_height.shape[0]:
+        return GroundContact(height - radius, jnp.broadcast_to(level, (feet, 3, 3)), friction)
 
-    t1, t2 = tangents(terrain.normal)
-    xy = jnp.stack([(r_WF * t1[None]).sum(-1), (r_WF * t2[None]).sum(-1)], -1)
-    if terrain.patch_friction.shape[0]:
-        off = jnp.abs(xy[:, None] - terrain.patch_centre[None]) - terrain.patch_half_size[None]
-        inside = (off <= 0).all(-1)
-        for k in range(inside.shape[1]):
-            friction = jnp.where(inside[:, k], terrain.patch_friction[k], friction)
-    if not terrain.obstacle_height.shape[0]:
-        return GroundContact(height - radius, normal, friction)
+    place = total(r_WF[:, None] * level[None, :2])
+    for k in range(terrain.patch_friction.shape[0]):
+        away = jnp.abs(place - terrain.patch_centre[k]) - terrain.patch_half_size[k]
+        friction = jnp.where(away.max(-1) <= 0, terrain.patch_friction[k], friction)
 
-    raised, slope = _obstacles(terrain, xy)
-    cosine = 1 / jnp.sqrt(1 + (slope * slope).sum(-1))
-    tilted = normal - slope[:, :1] * t1[None] - slope[:, 1:] * t2[None]
-    return GroundContact((height - raised) * cosine - radius, tilted * cosine[:, None], friction)
+    raised, slope = _obstacles(terrain, place)
+    cosine = jax.lax.rsqrt(1 + total(slope * slope))
+    normal = (terrain.normal[None] - total(slope[:, :, None] * level[None, :2], 1)) * cosine[:, None]
+    return GroundContact((height - raised) * cosine - radius, contact_frame(normal), friction)
 
 
-def _obstacles(terrain: Terrain, xy: Array) -> tuple[Array, Array]:
-    """Height added at xy (4, 2) on the plane, (4,), and its gradient (4, 2)."""
-    c, s = jnp.cos(terrain.obstacle_yaw), jnp.sin(terrain.obstacle_yaw)
-    d = xy[:, None] - terrain.obstacle_centre[None]
-    local = jnp.stack([c * d[..., 0] + s * d[..., 1], c * d[..., 1] - s * d[..., 0]], -1)
-    flank = terrain.obstacle_flank[None, :, None]
-    depth = (terrain.obstacle_half_size[None] - jnp.abs(local)) / flank + 0.5
-    t = jnp.clip(depth, 0, 1)
-    f = t * t * (3 - 2 * t)
-    df = -6 * t * (1 - t) / flank * jnp.sign(local)
-    height = terrain.obstacle_height[None]
-    gx, gy = height * df[..., 0] * f[..., 1], height * f[..., 0] * df[..., 1]
-    gradient = jnp.stack([c * gx - s * gy, s * gx + c * gy], -1)
-    return (height * f[..., 0] * f[..., 1]).sum(-1), gradient.sum(-2)
+def _obstacles(terrain: Terrain, place: Array) -> tuple[Array, Array]:
+    """Height (4,) added at places (4, 2) on the plane, and its gradient (4, 2)."""
+    height, gradient = jnp.zeros(place.shape[:1], place.dtype), jnp.zeros_like(place)
+    for k in range(terrain.obstacle_height.shape[0]):
+        c, s = jnp.cos(terrain.obstacle_yaw[k]), jnp.sin(terrain.obstacle_yaw[k])
+        d = place - terrain.obstacle_centre[k][None]
+        local = jnp.stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]], -1)
+        inside = (terrain.obstacle_half_size[k][None] - jnp.abs(local)) / terrain.obstacle_flank[k] + 0.5
+        t = jnp.clip(inside, 0, 1)
+        f = t * t * (3 - 2 * t)
+        df = -6 * t * (1 - t) / terrain.obstacle_flank[k] * jnp.sign(local)
+        top = terrain.obstacle_height[k]
+        along, across = top * df[:, 0] * f[:, 1], top * f[:, 0] * df[:, 1]
+        height = height + top * f[:, 0] * f[:, 1]
+        gradient = gradient + jnp.stack([c * along - s * across, s * along + c * across], -1)
+    return height, gradient

@@ -1,0 +1,45 @@
+"""Rotation of vectors and the exact motion of the generalised coordinates."""
+
+import jax
+import jax.numpy as jnp
+
+from mjx_starleth.block_solve import total
+
+Array = jax.Array
+
+TINY = 1e-20  # rad^2: keeps the square root of no rotation differentiable
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product over the last axis, written out."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return jnp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
+
+
+def quaternion_product(p: Array, q: Array) -> Array:
+    """Hamilton product of quaternions (..., 4), w x y z."""
+    pw, px, py, pz = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
+    qw, qx, qy, qz = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
+    return jnp.stack(
+        [
+            pw * qw - px * qx - py * qy - pz * qz,
+            pw * qx + px * qw + py * qz - pz * qy,
+            pw * qy - px * qz + py * qw + pz * qx,
+            pw * qz + px * qy - py * qx + pz * qw,
+        ],
+        -1,
+    )
+
+
+def rotation_quaternion(angle: Array) -> Array:
+    """Quaternion (4,) of a rotation vector (3,), rad."""
+    size = jnp.sqrt(total(angle * angle) + TINY)
+    return jnp.concatenate([jnp.cos(size / 2)[None], angle * (jnp.sin(size / 2) / size)])
+
+
+def integrate(q: Array, u: Array, period: float) -> Array:
+    """q (19,) moved with constant u (18,) for a time: the torso turns about a fixed axis, exactly."""
+    turned = quaternion_product(q[3:7], rotation_quaternion(period * u[3:6]))
+    turned = turned * jax.lax.rsqrt(total(turned * turned))
+    return jnp.concatenate([q[:3] + period * u[:3], turned, q[7:] + period * u[6:]])
