@@ -13,6 +13,7 @@ from experiments.effects.library import LIBRARY
 from experiments.errors import UserError
 from experiments.model import Model
 from mjx_starleth.bodies import Bodies, BodyInput, BodyOutput, BodyParams, BodyState, make_bodies
+from mjx_starleth.numbers import RobotNumbers
 from sea_jax import (
     DRIVES,
     DriveHooks,
@@ -75,6 +76,7 @@ class Plant:
     periods: LoopPeriods
     effects: ActiveEffects
     params: PlantParams
+    numbers: RobotNumbers
     placed: tuple[str, ...] = ()  # `effect@place` of each effect
 
     def prepare(self, params: PlantParams) -> PlantParams:
@@ -170,7 +172,7 @@ def make_plant(model: Model, drive: str = "full", library: dict[str, Effect] = L
     effects, effect_numbers = activate(model.effects, library)
     params = PlantParams(params_from_numbers(numbers), bodies.params, effect_numbers)
     placed = tuple(f"{item.effect}@{item.where}" for item in model.effects if is_on(item, library))
-    return Plant(bodies, drive, DRIVES[drive], periods_from_numbers(numbers), effects, params, placed)
+    return Plant(bodies, drive, DRIVES[drive], periods_from_numbers(numbers), effects, params, model.numbers, placed)
 
 
 __all__ = ["DriveHooks", "Plant", "PlantInput", "PlantOutput", "PlantParams", "PlantState", "make_plant"]

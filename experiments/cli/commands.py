@@ -2,10 +2,10 @@
 
 import typer
 
-from experiments.cli import tune
+from experiments.cli import bench, measuring, replay, tune
 
 
 def register(app: typer.Typer) -> None:
     """Add every subcommand to the command line."""
-    for module in (tune,):
+    for module in (tune, replay, measuring, bench):
         module.register(app)

@@ -76,6 +76,10 @@ class Atoms:
         """The columns of an effect, in the order of its parameters."""
         return [c for c in self.columns if c.effect.name == effect]
 
+    def touching(self, hooks: frozenset[str]) -> np.ndarray:
+        """(n,) True for the atoms of effects that act on any of these hooks."""
+        return np.concatenate([np.full(c.size, bool(hooks & set(c.effect.equations))) for c in self.columns])
+
     def places(self, effect: Effect) -> tuple[str, ...]:
         return places_of(effect.axis, self.joint_names)
 

@@ -9,10 +9,10 @@ import numpy as np
 from experiments.effects.effect import Effect
 from experiments.errors import UserError
 from experiments.measurement.atoms import Atoms
+from experiments.measurement.body_evidence import BODY_HOOKS, KIND, MODEL_ERROR, BodyEvidence, body_evidence
 from experiments.measurement.body_evidence import CHANNELS as BODY_CHANNELS
-from experiments.measurement.body_evidence import KIND, MODEL_ERROR, BodyEvidence, body_evidence
 from experiments.measurement.body_replay import DECIMATION, filter_window
-from experiments.measurement.drive_evidence import DriveEvidence, drive_evidence
+from experiments.measurement.drive_evidence import DRIVE_HOOKS, DriveEvidence, drive_evidence
 from experiments.measurement.drive_log import drive_log, has_drives
 from experiments.measurement.drive_replay import CHANNELS as DRIVE_CHANNELS
 from experiments.measurement.features import Change, Products
@@ -44,22 +44,26 @@ class Evidence:
     body: BodyEvidence | None
     blocks: int
     period: float
+    model_x: np.ndarray  # (n,)
 
     def start(self) -> Point:
-        return Point(self.atoms.off(), np.zeros(len(self.atoms.joint_names)), np.zeros(len(BODY_CHANNELS)))
+        """Where every fit begins: the model's own effects, nothing else off."""
+        return Point(self.model_x, np.zeros(len(self.atoms.joint_names)), np.zeros(len(BODY_CHANNELS)))
 
-    def drive_residual(self, points: list[Point]) -> np.ndarray | None:
-        """(H, T, J, 3) in units of the floor."""
-        if self.drive is None:
-            return None
-        return self.drive.residual(np.stack([p.x for p in points]), np.stack([p.shift for p in points]))
+    def drive_residual(self, points: list[Point]) -> np.ndarray:
+        """(H, T, J, 3) in units of the floor. Points that differ only in what the drives do not feel are run once."""
+        xs, shifts = np.stack([p.x for p in points]), np.stack([p.shift for p in points])
+        felt = np.concatenate([xs[:, self.atoms.touching(DRIVE_HOOKS)], shifts], 1)
+        _, first, which = np.unique(felt, axis=0, return_index=True, return_inverse=True)
+        return self.drive.residual(xs[first], shifts[first])[which.ravel()]
 
-    def body_residual(self, points: list[Point]) -> np.ndarray | None:
+    def body_residual(self, points: list[Point]) -> np.ndarray:
         """(H, N, 26) in units of the floor."""
-        if self.body is None:
-            return None
-        r = self.body.residual(np.stack([p.x for p in points]))
-        return r - np.stack([p.offset for p in points])[:, None] * self.body.used[None]
+        xs, offsets = np.stack([p.x for p in points]), np.stack([p.offset for p in points])
+        _, first, which = np.unique(
+            xs[:, self.atoms.touching(BODY_HOOKS)], axis=0, return_index=True, return_inverse=True
+        )
+        return self.body.residual(xs[first])[which.ravel()] - offsets[:, None] * self.body.used[None]
 
     def block_of_drive(self) -> np.ndarray:
         return np.minimum((np.arange(self.drive.rows) * self.period / BLOCK).astype(int), self.blocks - 1)
@@ -126,6 +130,11 @@ class Evidence:
             _add_products(gram, columns, index, self.block_of_body())
         return gram
 
+    def nuisances(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients of a gram's nuisance columns as changes of shifts (J,) and offsets (26,)."""
+        joints = len(self.atoms.joint_names)
+        return z[:joints] * SHIFT_PRIOR, z[joints:] * (self.offset_scale() if self.body is not None else 0.0)
+
     def _offset_columns(self) -> np.ndarray:
         """What a constant error of each body channel, of the size of the model's own error, does: (26, N, 26)."""
         scale = self.offset_scale() / np.sqrt(self.body.tau)
@@ -144,7 +153,7 @@ class Evidence:
         columns = np.concatenate([r[2:] - r[:1], (r[1:2] - r[:1]) * (SHIFT_PRIOR / SHIFT_STEP), r[:1]])
         block = self.block_of_drive()
         for j in range(joints):
-            here = [s + j if self._on_joints(c) else -1 for s, c in zip(start, changes)] + [
+            here = [s + j if self._on_drives(c) else -1 for s, c in zip(start, changes)] + [
                 shift0 + j,
                 gram.shape[1] - 1,
             ]
@@ -158,6 +167,8 @@ class Evidence:
     def _body_products(self, gram, at: Point, changes, start, sizes, offset0) -> None:
         points, index = [at], []
         for change, first, size in zip(changes, start, sizes):
+            if not BODY_HOOKS & set(change.effect.equations):
+                continue
             for i in range(size):
                 points.append(at._replace(x=self._changed(at.x, change, i)))
                 index.append(first + i)
@@ -178,8 +189,8 @@ class Evidence:
                 x[here] = moved if column.parameter.name == change.strength else values[column.parameter.name]
         return x
 
-    def _on_joints(self, change: Change) -> bool:
-        return change.effect.axis == "joint"
+    def _on_drives(self, change: Change) -> bool:
+        return bool(DRIVE_HOOKS & set(change.effect.equations))
 
 
 def _add_products(gram: np.ndarray, columns: np.ndarray, index: np.ndarray, block: np.ndarray) -> None:
@@ -212,7 +223,7 @@ def gather(log: Log, model: Model, effects: Mapping[str, Effect], noise: Mapping
         body = body_evidence(atoms, bodies, bodies.params, log, noise)
     if drive is None and body is None:
         raise UserError(f"{log.name} shows neither drives (commands and motor positions) nor joint torques: log them.")
-    return Evidence(log.name, atoms, drive, body, blocks, log.sample_period)
+    return Evidence(log.name, atoms, drive, body, blocks, log.sample_period, atoms.placed(atoms.off(), model.effects))
 
 
 __all__ = ["BODY_CHANNELS", "DRIVE_CHANNELS", "Evidence", "Point", "gather"]

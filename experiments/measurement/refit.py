@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.measurement.evidence import Evidence, Point
-from experiments.measurement.features import projected
 
 ITERATIONS = 8
 ENOUGH = 1e-4  # relative fall of chi^2 below which the fit has ended
@@ -83,7 +82,7 @@ def refit(
     offsets = [p.offset for p in start.points] if start else [log.start().offset for log in logs]
 
     def point(values, i):
-        x = atoms.off()
+        x = logs[i].start().x
         for variable, value in zip(variables, values, strict=True):
             x = _add(atoms, x, variable, value)
         return Point(x, shifts[i], offsets[i])
@@ -97,26 +96,11 @@ def refit(
 
     scale = np.array([x.scale for x in variables])
     damping, best = 1e-6, cost([v])[0]
-    hessian = np.eye(len(v))
+    hessian, gradients = np.eye(len(v)), []
     for _ in range(iterations):
-        grams, extra = [], []
-        for i, log in enumerate(logs):
-            at = point(v, i)
-            steps = np.stack(
-                [_step(atoms, x, at.x, value) for x, value in zip(variables, v, strict=True)] or [at.x * 0]
-            )
-            gram = log.local(at, steps)
-            grams.append((gram * masks[i][:, None, None]).sum(0))
-            extra.append(gram.shape[1] - len(v) - 1)
-        unit = DIFFERENCE * scale * np.array([_sign(x, value) for x, value in zip(variables, v, strict=True)])
-        hessian, gradient = np.diag(1.0 / _priors(variables) ** 2), v / _priors(variables) ** 2
-        for gram, more in zip(grams, extra, strict=True):
-            nuisances = list(np.eye(len(gram))[len(v) : len(v) + more])
-            reduced = projected(gram, nuisances, np.ones(more))
-            hessian = hessian + reduced[: len(v), : len(v)] / np.outer(unit, unit)
-            gradient = gradient + reduced[: len(v), -1] / unit
-        for i, gram in enumerate(grams):
-            s, o = _own_nuisances(gram, len(v), logs[i])
+        hessian, gradients, nuisances = _normal(logs, [point(v, i) for i in range(len(logs))], variables, v, masks)
+        gradient = sum(g.sum(0) for g in gradients) + v / _priors(variables) ** 2
+        for i, (s, o) in enumerate(nuisances):
             shifts[i], offsets[i] = shifts[i] + s, offsets[i] + o
         relative = hessian * np.outer(scale, scale)
         step = -scale * np.linalg.solve(
@@ -132,8 +116,45 @@ def refit(
         if fallen < ENOUGH * max(previous, 1.0) and i != len(tried):
             break
     points = tuple(point(v, i) for i in range(len(logs)))
+    if effects:
+        hessian, gradients, _ = _normal(logs, list(points), variables, v, masks)
     chi2 = tuple(log.chi2([p])[0] for log, p in zip(logs, points, strict=True))
-    return _result(effects, variables, nominal, v, hessian, points, chi2)
+    covariance = _covariance(hessian, gradients) if len(v) else np.zeros((0, 0))
+    return _result(effects, variables, nominal, v, covariance, points, chi2)
+
+
+def _normal(logs, points, variables, v, masks):
+    """Hessian, gradient of each log's blocks (blocks, p), and each log's best shifts and offsets; chi^2 halved."""
+    count = len(v)
+    unit = DIFFERENCE * np.array([x.scale * _sign(x, value) for x, value in zip(variables, v, strict=True)])
+    hessian, gradients, own = np.diag(1.0 / _priors(variables) ** 2), [], []
+    for log, at, mask_ in zip(logs, points, masks, strict=True):
+        steps = [_step(log.atoms, x, value) for x, value in zip(variables, v, strict=True)]
+        gram = log.local(at, np.stack(steps) if steps else np.zeros((0, log.atoms.size))) * mask_[:, None, None]
+        total = gram.sum(0)
+        inner = total[count:-1, count:-1] + np.eye(len(total) - count - 1)
+        # the blocks' gradients with the log's own nuisances fitted away, as they are in the whole
+        away = np.linalg.solve(inner, total[count:-1, :count])
+        z = -np.linalg.solve(inner, total[count:-1, -1])
+        hessian = hessian + (total[:count, :count] - total[:count, count:-1] @ away) / np.outer(unit, unit)
+        slope = gram[:, :count, -1] + gram[:, :count, count:-1] @ z
+        slope -= (gram[:, count:-1, -1] + gram[:, count:-1, count:-1] @ z) @ away
+        gradients.append(slope / unit)
+        own.append(log.nuisances(z))
+    return hessian, gradients, own
+
+
+def _covariance(hessian: np.ndarray, gradients: Sequence[np.ndarray]) -> np.ndarray:
+    """Covariance that holds under coloured residuals: the scatter of the blocks' gradients (a sandwich), where it is
+    larger than what white noise would give."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    inverse = np.linalg.pinv(hessian * np.outer(scale, scale)) * np.outer(scale, scale)
+    blocks = np.concatenate(gradients) if gradients else np.zeros((0, len(hessian)))
+    count = max(int((np.abs(blocks).sum(1) > 0).sum()), 1)
+    scatter = blocks.T @ blocks * count / max(count - len(hessian), 1)
+    sandwich = inverse @ scatter @ inverse
+    wider = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300), 1.0))
+    return inverse * np.outer(wider, wider)
 
 
 def _variables(log: Evidence, effects: Sequence[Placed], nominal: Sequence[Nominal]) -> list[_Variable]:
@@ -169,7 +190,7 @@ def _sign(variable: _Variable, value: float) -> float:
     return -1.0 if value + DIFFERENCE * variable.scale > variable.high else 1.0
 
 
-def _step(atoms, variable: _Variable, x: np.ndarray, value: float) -> np.ndarray:
+def _step(atoms, variable: _Variable, value: float) -> np.ndarray:
     """The difference quotient's step in x."""
     here = atoms.selection(variable.effect, variable.where)
     k = [c.parameter.name for c in atoms.of(variable.effect)].index(variable.parameter)
@@ -184,24 +205,11 @@ def _clipped(v: np.ndarray, variables: Sequence[_Variable]) -> np.ndarray:
     return np.clip(v, [x.low for x in variables], [x.high for x in variables])
 
 
-def _own_nuisances(gram: np.ndarray, k: int, log: Evidence) -> tuple[np.ndarray, np.ndarray]:
-    """Best shifts and offsets of a log with everything else held."""
-    from experiments.measurement.evidence import SHIFT_PRIOR
-
-    inner = gram[k:-1, k:-1] + np.eye(len(gram) - k - 1)
-    z = -np.linalg.solve(inner, gram[k:-1, -1])
-    joints = len(log.atoms.joint_names)
-    offset = z[joints:] * (log.offset_scale() if log.body is not None else 0.0)
-    return z[:joints] * SHIFT_PRIOR, offset
-
-
-def _result(effects, variables, nominal, v, hessian, points, chi2) -> Refitted:
+def _result(effects, variables, nominal, v, covariance, points, chi2) -> Refitted:
     count = len(v) - len(nominal)
     values = iter(v[:count])
     fitted = []
     for placed in effects:
         names = [x.parameter for x in variables[:count] if (x.effect, x.where) == (placed.effect, placed.where)]
         fitted.append(Placed(placed.effect, placed.where, {name: float(next(values)) for name in names}))
-    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    covariance = np.linalg.pinv(hessian / np.outer(scale, scale)) / np.outer(scale, scale)
     return Refitted(tuple(fitted), v[count:], points, chi2, covariance[:count, :count])

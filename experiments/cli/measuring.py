@@ -1,0 +1,137 @@
+"""`starleth compare`, `diagnose` and `learn`: from a log to a better model."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiments.cli.options import EffectsOption, ModelOption, start_jax
+
+LogArgument = Annotated[Path, typer.Argument(help="A log: .csv, .csv.gz, .parquet or .npz, with its .json beside it.")]
+LogsArgument = Annotated[list[Path], typer.Argument(help="One or several logs.")]
+ColumnsOption = Annotated[Path | None, typer.Option("--columns", help="Column map for logs with other names or units.")]
+OutputOption = Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the answer and the report.")]
+
+COMPARE = """Where does the model fail on a log, and by how much over the noise?
+
+Replays each part of the plant on what was measured: the drives on the measured joint motion, the bodies and the ground
+on the measured torque. Prints a JSON object; 1.0 is the sensors' noise.
+
+    starleth compare log.csv.gz
+    starleth compare log.csv.gz --model model.json
+"""
+DIAGNOSE = """Which physical effect does the model lack, where, how sure, what else could it be?
+
+Scores every known effect at every place, refits the best in the full simulation, proves them on held-out parts of the
+logs, and says when it does not know. Writes diagnosis.json and a report.
+
+    starleth diagnose log.csv.gz
+    starleth diagnose air.csv.gz squat.csv.gz --effects my_effect.py
+"""
+LEARN = """Put an effect into the model file, fitted to logs, with 95 % intervals.
+
+    starleth learn log.csv.gz --effect backlash@LH_KFE
+    starleth learn log.csv.gz --effect payload --effect coulomb_friction@all --output model.json
+"""
+
+
+def register(app: typer.Typer) -> None:
+    app.command("compare", help=COMPARE)(compare_command)
+    app.command("diagnose", help=DIAGNOSE)(diagnose_command)
+    app.command("learn", help=LEARN)(learn_command)
+
+
+def compare_command(
+    log: LogArgument,
+    model: ModelOption = None,
+    effects: EffectsOption = None,
+    columns: ColumnsOption = None,
+    output: OutputOption = None,
+) -> None:
+    start_jax()
+    from experiments.measurement.compare import compare
+    from experiments.measurement.intake import read_checked
+    from experiments.reports.comparison import write_comparison_report
+
+    robot, library = _model(model, effects)
+    taken = read_checked(log, columns, robot)
+    found = compare(taken, robot, library)
+    answer = found.answer()
+    if output is not None:
+        before = compare(taken, robot.model_copy(update={"effects": ()}), library) if robot.effects else None
+        _write(output, "comparison.json", answer)
+        write_comparison_report(output / "report.html", found, before)
+    print(json.dumps(answer))
+
+
+def diagnose_command(
+    logs: LogsArgument,
+    model: ModelOption = None,
+    effects: EffectsOption = None,
+    columns: ColumnsOption = None,
+    output: OutputOption = Path("diagnosis"),
+) -> None:
+    start_jax()
+    from experiments.measurement.diagnose import diagnose
+    from experiments.measurement.intake import LogFault, read_checked
+    from experiments.reports.diagnosis import write_diagnosis_report
+
+    robot, library = _model(model, effects)
+    try:
+        taken = [read_checked(log, columns, robot) for log in logs]
+    except LogFault as fault:
+        answer = fault.answer()
+        _write(output, "diagnosis.json", answer)
+        print(json.dumps(answer))
+        return
+    found = diagnose(taken, robot, library, _say)
+    _write(output, "diagnosis.json", found.answer)
+    write_diagnosis_report(output / "report.html", found)
+    _say(found.text)
+    print(json.dumps(found.answer))
+
+
+def learn_command(
+    logs: LogsArgument,
+    effect: Annotated[list[str], typer.Option("--effect", help="effect@place; may be repeated.")],
+    model: ModelOption = None,
+    effects: EffectsOption = None,
+    columns: ColumnsOption = None,
+    nominal: Annotated[bool, typer.Option("--nominal", help="Fit the robot's nominal numbers as well.")] = False,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.")] = Path("model.json"),
+) -> None:
+    start_jax()
+    from experiments.measurement.intake import read_checked
+    from experiments.measurement.learn import learn, parse_place
+    from experiments.model import save_model
+
+    robot, library = _model(model, effects)
+    taken = [read_checked(log, columns, robot) for log in logs]
+    wanted = [parse_place(text, library, taken[0].joint_names) for text in effect]
+    learned, _, _ = learn(taken, robot, library, wanted, nominal)
+    save_model(output, learned)
+    print(json.dumps({"model": str(output), **learned.model_dump(mode="json", include={"effects", "provenance"})}))
+
+
+def _model(model: Path | None, effects: list[Path] | None):
+    from experiments.effects.library import load_effects
+    from experiments.model import load_model
+
+    library = load_effects(effects or ())
+    return load_model(model, library), library
+
+
+def _write(folder: Path, name: str, answer: dict) -> None:
+    from experiments.errors import UserError
+    from experiments.files import write_json
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{folder} cannot be made: {error.strerror}; choose another folder.") from None
+    write_json(folder / name, answer)
+
+
+def _say(text: str) -> None:
+    typer.echo(text, err=True)

@@ -1,0 +1,151 @@
+"""`starleth compare`: where does the model fail on a log, and by how much over the sensors' noise?"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from experiments.effects.effect import Effect
+from experiments.measurement.evidence import BODY_CHANNELS, DRIVE_CHANNELS, Evidence, gather
+from experiments.measurement.log import Log
+from experiments.measurement.noise_floor import noise_of
+from experiments.measurement.refit import Refitted, refit
+from experiments.measurement.verdict import FLOOR, Misfit, misfit
+from experiments.model import Model
+
+STILL, FAST = 0.05, 1.0  # rad/s of the joint
+LOADED = 0.5  # of the largest torque of the joint
+REVERSAL = 0.05  # s around a change of the joint's direction
+WHITE_LAG = 10  # rows over which the residual's autocorrelation is judged
+REGIMES = ("still", "slow", "fast", "loaded", "reversing", "position mode", "torque mode")
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How well one channel of one joint (or of the bodies) is predicted."""
+
+    name: str  # signal/place
+    error: float  # RMS, in the channel's unit
+    over_noise: float
+    fit: float | None  # per cent of the measured variation that is predicted
+    whiteness: float | None  # 1: white; RMS autocorrelation of the residual over what white noise has
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A log against a model."""
+
+    log: Evidence
+    fit: Refitted
+    misfit: Misfit
+    channels: tuple[Channel, ...]
+    regimes: np.ndarray | None  # (joints, REGIMES) residual over noise of the drive, NaN where there is no such row
+
+    @property
+    def worst(self) -> Channel:
+        return max(self.channels, key=lambda c: c.over_noise)
+
+    @property
+    def explained(self) -> bool:
+        return all(c.over_noise <= FLOOR * 1.3 for c in self.channels)
+
+    def answer(self) -> dict[str, Any]:
+        """What `compare` prints as JSON."""
+        return {
+            "log": self.log.name,
+            "worst_channel": self.worst.name,
+            "worst_over_noise": round(self.worst.over_noise, 3),
+            "explained": self.explained,
+            "channels": [
+                {
+                    "name": c.name,
+                    "error": float(f"{c.error:.6g}"),
+                    "error_over_noise": round(c.over_noise, 3),
+                    "fit_percent": None if c.fit is None else round(c.fit, 2),
+                    "whiteness": None if c.whiteness is None else round(c.whiteness, 2),
+                }
+                for c in self.channels
+            ],
+            "regimes": None
+            if self.regimes is None
+            else {
+                name: {r: round(float(v), 2) for r, v in zip(REGIMES, row, strict=True) if np.isfinite(v)}
+                for name, row in zip(self.log.atoms.joint_names, self.regimes, strict=True)
+            },
+        }
+
+
+def compare(log: Log, model: Model, library: Mapping[str, Effect]) -> Comparison:
+    """Replay each part of the plant on what was measured. Raises UserError."""
+    used = {e.effect: library[e.effect] for e in model.effects}
+    evidence = gather(log, model, used or dict(library), noise_of(log))
+    fit = refit([evidence], (), (), iterations=3)
+    found = misfit(evidence, fit, 0)
+    channels = (*_drive_channels(evidence, fit), *_body_channels(evidence, found, fit))
+    return Comparison(evidence, fit, found, channels, _regimes(evidence, fit))
+
+
+def _drive_channels(log: Evidence, fit: Refitted) -> list[Channel]:
+    if log.drive is None:
+        return []
+    residual = log.drive_residual([fit.points[0]])[0]
+    channels = []
+    for c, signal in enumerate(DRIVE_CHANNELS):
+        for j, joint in enumerate(log.atoms.joint_names):
+            over, y = residual[:, j, c], log.drive.measured[:, j, c]
+            error = over * log.drive.floor[j, c]
+            fit_percent = 100.0 * (1.0 - np.linalg.norm(error) / max(np.linalg.norm(y - y.mean()), 1e-12))
+            rms = lambda x: float(np.sqrt((x**2).mean()))  # noqa: E731
+            channels.append(Channel(f"{signal}/{joint}", rms(error), rms(over), fit_percent, whiteness(over)))
+    return channels
+
+
+def _body_channels(log: Evidence, found: Misfit, fit: Refitted) -> list[Channel]:
+    if log.body is None:
+        return []
+    return [
+        Channel(name, float(over * floor), float(over), None, None)
+        for name, over, floor in zip(BODY_CHANNELS, found.body, log.body.floor, strict=True)
+        if np.isfinite(over)
+    ]
+
+
+def whiteness(residual: np.ndarray) -> float:
+    """RMS autocorrelation over the first lags, relative to that of white noise: about 1 if white."""
+    x = residual - residual.mean()
+    energy = float(x @ x)
+    if energy <= 0:
+        return 1.0
+    rho = np.array([x[:-k] @ x[k:] for k in range(1, WHITE_LAG + 1)]) / energy
+    return float(np.sqrt((rho**2).mean() * len(x)))
+
+
+def _regimes(log: Evidence, fit: Refitted) -> np.ndarray | None:
+    if log.drive is None:
+        return None
+    r = np.sqrt((log.drive_residual([fit.points[0]])[0] ** 2).mean(2))
+    d = log.drive.log
+    rows = log.drive.rows
+    v, tau, mode = d.joint_velocity[:rows], d.joint_torque[:rows], d.position_mode[:rows]
+    turning = np.zeros_like(v, bool)
+    moving = np.sign(np.where(np.abs(v) > STILL, v, 0.0))
+    turning[1:] = moving[1:] * moving[:-1] < 0
+    reach = round(REVERSAL / log.period)
+    kernel = np.ones(2 * reach + 1)
+    turning = np.stack([np.convolve(column, kernel, "same") > 0 for column in turning.T.astype(float)], 1)
+    speed = np.abs(v)
+    masks = (
+        speed < STILL,
+        (speed >= STILL) & (speed < FAST),
+        speed >= FAST,
+        np.abs(tau) > LOADED * np.abs(tau).max(0),
+        turning,
+        mode > 0.5,
+        mode < 0.5,
+    )
+    table = np.full((r.shape[1], len(masks)), np.nan)
+    for k, chosen in enumerate(masks):
+        count = chosen.sum(0)
+        table[:, k] = np.where(count > 20, np.sqrt((r**2 * chosen).sum(0) / np.maximum(count, 1)), np.nan)
+    return table

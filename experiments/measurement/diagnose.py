@@ -1,0 +1,116 @@
+"""`starleth diagnose`: which physical effect does the model lack, where, how sure, what else could it be?"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from experiments.effects.effect import Effect
+from experiments.measurement.evidence import Evidence, gather
+from experiments.measurement.log import Log
+from experiments.measurement.noise_floor import noise_of
+from experiments.measurement.refit import Nominal, Placed
+from experiments.measurement.selection import Selection, select
+from experiments.measurement.verdict import (
+    Misfit,
+    Verdict,
+    decide,
+    effect_entries,
+    excess,
+    misfit,
+    ranking_entries,
+    unexplained,
+)
+from experiments.model import Model
+
+WIDE = 0.06  # relative standard deviation of the numbers of a robot that is not quite its data sheet
+WELL_EXPLAINED = 0.02  # excess of chi^2 per residual at which the nominal numbers need no second look
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What was found in one or several logs."""
+
+    verdict: Verdict
+    effects: tuple[Placed, ...]
+    selection: Selection | None
+    logs: tuple[Evidence, ...]
+    before: tuple[Misfit, ...]
+    after: tuple[Misfit, ...]
+    text: str
+    answer: dict[str, Any]
+
+
+def diagnose(logs: Sequence[Log], model: Model, library: Mapping[str, Effect], say: Callable[[str], None]) -> Diagnosis:
+    """The whole method. Raises UserError for logs that cannot be used at all."""
+    say("replaying the logs")
+    evidence = tuple(gather(log, model, library, noise_of(log)) for log in logs)
+    selection = select(evidence, (), say)
+    if excess(evidence, selection.fit) > WELL_EXPLAINED and (len(selection.fit.effects) != 1):
+        say("trying again with nominal numbers that may be a little off")
+        freed = select(evidence, nominal_freedom(model), say)
+        if _better(evidence, freed, selection):
+            selection = freed
+    verdict, effects = decide(evidence, selection)
+    before = tuple(misfit(log, selection.ladder[0][1], i) for i, log in enumerate(evidence))
+    after = tuple(misfit(log, selection.fit, i) for i, log in enumerate(evidence))
+    text = in_words(verdict, effects, selection, evidence)
+    return Diagnosis(
+        verdict, effects, selection, evidence, before, after, text, _answer(verdict, effects, selection, evidence, text)
+    )
+
+
+def nominal_freedom(model: Model) -> tuple[Nominal, ...]:
+    """Nominal numbers that may be off, each robot-wide or by kind of joint, as its numbers are given."""
+    n = model.numbers
+    drive = n.drive
+    springs = [Nominal("spring_stiffness", kind, "relative", WIDE) for kind in ("HAA", "HFE", "KFE")]
+    dampers = [
+        Nominal("spring_damping", kind, "coefficient", WIDE * getattr(drive.spring_damping, kind))
+        for kind in ("HAA", "HFE", "KFE")
+    ]
+    links = [Nominal("link_mass", kind, "relative", WIDE) for kind in ("HAA", "HFE", "KFE")]
+    return (
+        Nominal("coulomb_friction", "all", "torque", WIDE * drive.friction_coulomb),
+        Nominal("viscous_friction", "all", "coefficient", WIDE * drive.friction_viscous),
+        Nominal("motor_inertia", "all", "relative", WIDE),
+        Nominal("torque_constant", "all", "relative", WIDE),
+        Nominal("payload", "torso", "mass", WIDE * n.bodies.torso.mass),
+        *springs,
+        *dampers,
+        *links,
+    )
+
+
+def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bool:
+    """Whether freeing the nominal numbers explains more with no more effects."""
+    if len(freed.fit.effects) > len(strict.fit.effects):
+        return excess(logs, freed.fit) < 0.3 * excess(logs, strict.fit)
+    return excess(logs, freed.fit) < 0.8 * excess(logs, strict.fit)
+
+
+def in_words(verdict: Verdict, effects: Sequence[Placed], selection: Selection, logs: Sequence[Evidence]) -> str:
+    """The verdict in plain words."""
+    named = " and ".join(f"{p.effect} at {p.where}" for p in effects)
+    left = unexplained(logs, selection)
+    ties = sorted({f"{name} at {where}" for group in selection.ties for name, where in group})
+    return {
+        "none": "The model explains the log down to the sensors' noise: no effect is missing.",
+        "explained": f"The model lacks {named}; with it the log is explained down to the noise.",
+        "partly_explained": f"The model lacks {named}; {left:.0%} of the misfit remains, and no known effect explains it.",
+        "not_identifiable": f"The model lacks {named}, or {', or '.join(ties)}: this motion cannot tell them apart.",
+        "unknown": "Something is missing that no effect of the library explains.",
+        "data_fault": "The log itself is faulty.",
+    }[verdict]
+
+
+def _answer(verdict, effects, selection: Selection, logs, text: str) -> dict[str, Any]:
+    units = {(e.name, p.name): p.unit for e in logs[0].atoms.effects for p in e.parameters}
+    return {
+        "verdict": verdict,
+        "text": text,
+        "effects": effect_entries(selection, logs, units) if effects else [],
+        "tied_with": [[name for name, _ in group] for group in selection.ties] if effects else [],
+        "next_experiment": "",
+        "unexplained_fraction": round(unexplained(logs, selection), 4),
+        "ranking": ranking_entries(selection),
+    }

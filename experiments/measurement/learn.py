@@ -1,0 +1,86 @@
+"""`starleth learn`: put effects into the model file, fitted to logs, with intervals."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+
+import numpy as np
+
+from experiments.effects.effect import Effect
+from experiments.effects.library import find_effect
+from experiments.effects.places import mask
+from experiments.errors import UserError
+from experiments.measurement.diagnose import nominal_freedom
+from experiments.measurement.evidence import Evidence, gather
+from experiments.measurement.features import changes_of
+from experiments.measurement.log import Log
+from experiments.measurement.noise_floor import noise_of
+from experiments.measurement.refit import Placed, Refitted, refit
+from experiments.measurement.selection import score
+from experiments.measurement.verdict import COVERAGE, misfit
+from experiments.model import FittedValue, Model, PlacedEffect
+
+
+def parse_place(text: str, library: Mapping[str, Effect], joint_names: Sequence[str]) -> tuple[str, str]:
+    """`backlash@LH_KFE` as (effect, place); the widest place where none is given. Raises UserError."""
+    name, _, where = text.partition("@")
+    effect = find_effect(name, dict(library))
+    where = where or {"torso": "torso", "foot": "feet"}.get(effect.axis, "all")
+    try:
+        mask(where, effect.axis, tuple(joint_names))
+    except ValueError as error:
+        raise UserError(f"{error}.") from None
+    return name, where
+
+
+def learn(
+    logs: Sequence[Log],
+    model: Model,
+    library: Mapping[str, Effect],
+    wanted: Sequence[tuple[str, str]],
+    nominal: bool = False,
+) -> tuple[Model, Refitted, list[Evidence]]:
+    """The model with the wanted effects, fitted; effects that it already has stay as they are, unless wanted again.
+
+    nominal: fit the robot's nominal numbers beside them, within what a data sheet may be off by.
+    """
+    kept = tuple(e for e in model.effects if (e.effect, e.where) not in set(wanted))
+    model = model.model_copy(update={"effects": kept})
+    used = {e.effect: library[e.effect] for e in kept} | {name: library[name] for name, _ in wanted}
+    freedom = nominal_freedom(model) if nominal else ()
+    used |= {n.effect: library[n.effect] for n in freedom}
+    evidence = [gather(log, model, used, noise_of(log)) for log in logs]
+    start = _starts(evidence, wanted)
+    fit = refit(evidence, start, freedom)
+    record = {
+        "when": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "logs": [log.name for log in logs],
+        "effects": [f"{p.effect}@{p.where}" for p in fit.effects],
+        "worst_error_over_noise": [round(misfit(e, fit, i).worst, 3) for i, e in enumerate(evidence)],
+    }
+    for placed, values in _fitted(fit, library):
+        model = model.with_effect(PlacedEffect(effect=placed.effect, where=placed.where, parameters=values))
+    for n, value in zip(freedom, fit.nominal, strict=True):
+        if abs(value) > 0.2 * n.deviation:
+            parameters = {n.parameter: FittedValue(value=float(value), unit="")}
+            model = model.with_effect(PlacedEffect(effect=n.effect, where=n.where, parameters=parameters))
+    return model.model_copy(update={"provenance": (*model.provenance, record)}), fit, evidence
+
+
+def _starts(evidence: Sequence[Evidence], wanted: Sequence[tuple[str, str]]) -> list[Placed]:
+    """Start values: what the linear score suggests for each effect at its place."""
+    empty = refit(evidence, (), (), iterations=2)
+    changes, variants = changes_of(evidence[0].atoms.effects)
+    ranking = score(evidence, empty, (), changes, variants)
+    return [next(Placed(n, w, s.values) for s in ranking if (s.effect.name, s.where) == (n, w)) for n, w in wanted]
+
+
+def _fitted(fit: Refitted, library: Mapping[str, Effect]):
+    k = 0
+    for placed in fit.effects:
+        units = {p.name: p.unit for p in library[placed.effect].parameters}
+        values = {}
+        for name, value in placed.parameters.items():
+            half = COVERAGE * float(np.sqrt(max(fit.covariance[k, k], 0.0)))
+            values[name] = FittedValue(value=value, ci95=(value - half, value + half), unit=units[name])
+            k += 1
+        yield placed, values

@@ -1,0 +1,90 @@
+"""The report of `starleth compare`: where the model fails, joint by regime, with and without its effects."""
+
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+
+from experiments.measurement.compare import REGIMES, Comparison
+from experiments.measurement.evidence import DRIVE_CHANNELS
+from experiments.reports.figures import new_figure
+from experiments.reports.page import Block, Card, Cards, Figure, Section, Table, Text, write_report
+
+TOP = 12  # worst channels that get a row
+
+
+def write_comparison_report(path: Path, found: Comparison, before: Comparison | None = None) -> None:
+    """One HTML file; `before`: the same log against the model without its effects. Raises UserError."""
+    worst = found.worst
+    cards = [
+        Card("Worst channel", f"{worst.over_noise:.2f}", "× noise", worst.name, "good" if found.explained else "bad"),
+        Card("Verdict", "explained" if found.explained else "not explained"),
+    ]
+    if before is not None:
+        cards.append(
+            Card("Without the model's effects", f"{before.worst.over_noise:.2f}", "× noise", before.worst.name)
+        )
+    sections = [
+        Section("Result", [Cards(cards), Text("1.0 is what the sensors' noise alone would leave.", "lead")]),
+        Section("Where it fails", [*maps(found, "with the model as given"), *_before(before)]),
+        Section("Worst channels", [_channels(found)]),
+    ]
+    write_report(path, "Model against measurement", found.log.name, sections)
+
+
+def maps(found: Comparison, label: str) -> list[Block]:
+    """Joint by regime, and joint by channel, of the drives."""
+    if found.regimes is None:
+        return []
+    joints = found.log.atoms.joint_names
+    by_channel = found.misfit.drive.T
+    return [
+        Figure(
+            heat(found.regimes, REGIMES, joints),
+            f"Residual over noise of the drives by joint and regime, {label}. Empty: no such moment in the log.",
+        ),
+        Figure(heat(by_channel, DRIVE_CHANNELS, joints), f"The same by joint and channel, {label}."),
+    ]
+
+
+def heat(values: np.ndarray, columns, rows) -> go.Figure:
+    """A map on a logarithmic colour scale that starts at the noise."""
+    figure = new_figure(height=120 + 24 * len(rows))
+    shown = np.log10(np.maximum(values, 1.0))
+    text = [[f"{v:.1f}" if np.isfinite(v) else "" for v in row] for row in values]
+    figure.add_trace(
+        go.Heatmap(
+            z=np.where(np.isfinite(values), shown, np.nan),
+            x=list(columns),
+            y=list(rows),
+            text=text,
+            texttemplate="%{text}",
+            colorscale=[[0, "#eef3ee"], [0.15, "#f6d58a"], [1, "#a3262a"]],
+            zmin=0,
+            zmax=max(1.0, float(np.nanmax(shown))),
+            showscale=False,
+            hovertemplate="%{y}, %{x}: %{text} × noise<extra></extra>",
+        )
+    )
+    figure.update_yaxes(autorange="reversed")
+    return figure
+
+
+def _before(before: Comparison | None) -> list[Block]:
+    return [] if before is None else maps(before, "without the model's effects")
+
+
+def _channels(found: Comparison) -> Table:
+    worst = sorted(found.channels, key=lambda c: -c.over_noise)[:TOP]
+    rows = [
+        (
+            c.name,
+            f"{c.error:.3g}",
+            f"{c.over_noise:.2f}",
+            "" if c.fit is None else f"{c.fit:.2f}",
+            "" if c.whiteness is None else f"{c.whiteness:.1f}",
+        )
+        for c in worst
+    ]
+    caption = "Fit: share of the measured variation that is predicted. Whiteness: 1 for white residuals."
+    return Table(("channel", "RMS error (SI)", "over noise", "fit %", "whiteness"), rows, caption, numeric=(1, 2, 3, 4))
