@@ -1,6 +1,7 @@
 """Figures of a search: convergence, what the cost is made of, what limits the result."""
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 import plotly.graph_objects as go
@@ -18,6 +19,8 @@ from experiments.reports.figures import (
     shade_phases,
 )
 from experiments.reports.recording import History, Sensitivity
+
+SIGMA_TICKS: Final = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1)
 
 
 def convergence(history: History) -> go.Figure:
@@ -41,8 +44,8 @@ def convergence(history: History) -> go.Figure:
     dots = line(generation, history.best, "generation's best", ORANGE).update(mode="markers", marker_size=4, line=None)
     figure.add_trace(dots.update(marker_color=ORANGE), row=1, col=1)
     if with_sigma:
-        figure.add_trace(line(generation, history.sigma, "step size", PURPLE), row=2, col=1)
-        figure.update_yaxes(title="step size σ", type="log", row=2, col=1)
+        figure.add_trace(line(generation, history.sigma, "step size", PURPLE, showlegend=False), row=2, col=1)
+        figure.update_yaxes(title="step size σ", type="log", tickvals=SIGMA_TICKS, row=2, col=1)
     shade_phases(figure, phase_spans(generation - 0.5, history.stage, history.stage_names))
     candidates = f"generation (of {history.population} candidates)"
     figure.update_xaxes(range=[0.5, len(generation) + 0.5])
