@@ -25,6 +25,9 @@ SCHEMA_ID: Final = "starleth:parameters.schema.json"
 MAX_BYTES: Final = 1_000_000  # a file with every optional part has some 10 kB
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.@/:\-]*$", max_length=100)]
+Word = Annotated[
+    str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_\-]*$", max_length=100)
+]  # may name a file: no dots, no slashes
 Line = Annotated[str, Field(max_length=2000)]
 Count = Annotated[int, Field(ge=0, lt=2**53)]  # JSON numbers are doubles for most readers
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -99,15 +102,15 @@ class ParameterFile(_Record):
     """Parameters of a motion for StarlETH's locomotion controller. SI units, radians."""
 
     schema_version: Literal[1] = SCHEMA_VERSION
-    task: Name
-    robot: Name
+    task: Word
+    robot: Word
     model_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16,64}$", description="of the model it was tuned on")]
     parameters: Annotated[list[Parameter], Field(min_length=1, max_length=1000)]
     metrics: dict[Name, Metric]
     cost_terms: dict[Name, float] = Field(description="what the cost is the sum of, weights included")
     perturbed: PerturbedTrials | None = None
     robustness_gate: RobustnessGate | None = Field(default=None, description="null: not run")
-    drive: Name
+    drive: Word
     seed: Count
     search: dict[Name, bool | int | float | Line] = Field(description="generations, population, stages, …")
     versions: dict[Name, Line]

@@ -17,7 +17,8 @@ from mjx_starleth.numbers import RobotNumbers
 from mjx_starleth.terrain import Terrain
 
 SCRIPTS: Final = tuple(f"scene/{name}.js" for name in ("view", "paint", "robot", "ground", "timeline", "player"))
-MAX_FRAMES: Final = 600  # 180 kB as text; more are thinned out, and the page interpolates
+MAX_RATE: Final = 200.0  # frames per second; the page interpolates
+MAX_FRAMES: Final = 1500  # 440 kB as text; longer motions get fewer frames per second
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +61,7 @@ class Playback:
         lengths = {len(track.q) for track in self.tracks}
         if len(lengths) != 1:
             raise ValueError("all tracks of a playback must have the same number of samples.")
-        stride = -(-lengths.pop() // MAX_FRAMES)
+        stride = max(round(1 / (MAX_RATE * self.period)), -(-lengths.pop() // MAX_FRAMES), 1)
         bodies = self.numbers.bodies
         hip = bodies.haa_in_torso
         tracks = [

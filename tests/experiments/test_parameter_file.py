@@ -127,6 +127,7 @@ def test_the_checksum_is_the_documented_one(path):
         ({"model_hash": "0123456789ABCDEF"}, "model_hash"),
         ({"command": None}, "command"),
         ({"task": "../../etc"}, "task"),
+        ({"task": "a/../b"}, "task"),
         ({"unknown": 1}, "unknown"),
         ({"created": "yesterday"}, "created"),
     ],
