@@ -164,7 +164,7 @@ def step(
     feet_W = robot.r_WB[None] + mv(robot.R_WB[None], legs.r_BF_B)
     state = _advance(settings, params, state, robot, feet_W, time)
     elapsed = time - state.phase_start
-    flying = state.phase == FLIGHT
+    flying = (state.phase == FLIGHT).astype(jnp.float32)
     support = state.landed * (1.0 - flying)
 
     height = _desired_height(settings, params, state, elapsed)
@@ -172,7 +172,7 @@ def step(
     R_WC = control_frame(robot.R_WB, jnp.array([0.0, 0.0, 1.0]))
     gains = _gains(settings, params, state)
     settled = (state.phase == CROUCH) | ((state.phase == LANDING) & (elapsed > settings.rise_time))
-    learning = settings.control_period * settled
+    learning = settings.control_period * settled.astype(jnp.float32)
     integrals, wrench = virtual_model(
         gains, settings.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, learning
     )

@@ -11,9 +11,9 @@ import numpy as np
 from experiments.plant import PlantOutput, PlantState
 from experiments.rollout import Rollout, Score, Tick
 from experiments.trial import NOISE_COLUMNS, nominal_trial
-from mjx_starleth.bodies import BodyOutput, BodyState
+from mjx_starleth.bodies import BodyInput
 from mjx_starleth.mjx_engine import mjx_step
-from mjx_starleth.mujoco_c import SUBSTEP, MujocoC
+from mjx_starleth.mujoco_c import MujocoC
 from sea_jax import JointCommand, JointMotion
 
 Array = jax.Array
@@ -51,35 +51,16 @@ def _sense(rollout: Rollout, params: Any, values: Array, state: PlantState, cont
 
 
 def _mujoco_c(rollout: Rollout, params: Any):
-    """MuJoCo C; the drives run beside it, one control period of the drive against the links' motion so far."""
+    """MuJoCo C; it gets the drives' mean torque of a period, with their answer to the links' change of speed."""
     plant = rollout.plant
-    bodies = MujocoC(plant.numbers, params.bodies)
-    steps = round(plant.periods.control / SUBSTEP)
+    bodies = MujocoC(plant.numbers, params.bodies, plant.periods.control)
     drive = jax.jit(lambda state, targets, measurement: _drive(plant, params, state, targets, measurement))
 
     def move(state: PlantState, targets, measurement) -> tuple[PlantState, PlantOutput]:
         after_drive, output = drive(state, targets, measurement)
-        q, u = np.asarray(state.bodies.q, float), np.asarray(state.bodies.u, float)
-        mean, damping = np.asarray(output.torque, float), np.asarray(output.damping, float)
-        first = u[6:].copy()
-        # the drive's mean torque with its answer to the links' change of speed: the same law that the bodies get
-        result = bodies.period(q, u, lambda k, qj, vj: mean - damping * (vj - first), np.zeros(6), steps)
-        body = BodyOutput(
-            contact_force=jnp.asarray(result.contact_force, jnp.float32),
-            contact_residual=jnp.float32(0.0),
-            gap=jnp.asarray(result.gap, jnp.float32),
-            r_WF=jnp.asarray(result.r_WF, jnp.float32),
-            v_WF=jnp.asarray(result.slip_velocity, jnp.float32),
-            slip_velocity=jnp.asarray(result.slip_velocity, jnp.float32),
-            joint_acceleration=jnp.asarray((result.u[6:] - u[6:]) / plant.periods.control, jnp.float32),
-        )
-        new = BodyState(
-            jnp.asarray(result.q, jnp.float32),
-            jnp.asarray(result.u, jnp.float32),
-            jnp.asarray(result.contact_force * plant.periods.control, jnp.float32),
-        )
-        after = PlantState(new, after_drive, output.end_torque, body.contact_force, state.sensor_memory)
-        return after, PlantOutput(output, body)
+        moved, body = bodies.step(state.bodies, BodyInput(output.torque, output.damping))
+        after = PlantState(moved, after_drive, output.end_torque, body.contact_force, state.sensor_memory)
+        return jax.tree.map(jnp.asarray, (after, PlantOutput(output, body)))
 
     return move
 

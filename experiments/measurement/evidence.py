@@ -135,6 +135,11 @@ class Evidence:
         joints = len(self.atoms.joint_names)
         return z[:joints] * SHIFT_PRIOR, z[joints:] * (self.offset_scale() if self.body is not None else 0.0)
 
+    def coefficients(self, at: Point) -> np.ndarray:
+        """Where a point's shifts and offsets stand, in units of their priors: the inverse of `nuisances`."""
+        scale = self.offset_scale() if self.body is not None else np.ones(len(at.offset))
+        return np.concatenate([at.shift / SHIFT_PRIOR, at.offset / scale])
+
     def _offset_columns(self) -> np.ndarray:
         """What a constant error of each body channel, of the size of the model's own error, does: (26, N, 26)."""
         scale = self.offset_scale() / np.sqrt(self.body.tau)
@@ -145,9 +150,9 @@ class Evidence:
         return np.array([MODEL_ERROR[kind] for kind in KIND]) / self.body.floor
 
     def _drive_products(self, gram, at: Point, changes, start, shift0) -> None:
-        base = at.x
+        at = at._replace(shift=np.zeros_like(at.shift))  # where the priors of the nuisances have their centre
         points = [at, at._replace(shift=at.shift + SHIFT_STEP)]
-        points += [at._replace(x=self._changed(base, change)) for change in changes]
+        points += [at._replace(x=self._changed(at.x, change)) for change in changes]
         r = self.drive_residual(points)
         joints = r.shape[2]
         columns = np.concatenate([r[2:] - r[:1], (r[1:2] - r[:1]) * (SHIFT_PRIOR / SHIFT_STEP), r[:1]])
@@ -165,6 +170,7 @@ class Evidence:
                 gram[b][np.ix_(index, index)] += m @ m.T
 
     def _body_products(self, gram, at: Point, changes, start, sizes, offset0) -> None:
+        at = at._replace(offset=np.zeros_like(at.offset))
         points, index = [at], []
         for change, first, size in zip(changes, start, sizes):
             if not BODY_HOOKS & set(change.effect.equations):

@@ -133,12 +133,14 @@ def _normal(logs, points, variables, v, masks):
         gram = log.local(at, np.stack(steps) if steps else np.zeros((0, log.atoms.size))) * mask_[:, None, None]
         total = gram.sum(0)
         inner = total[count:-1, count:-1] + np.eye(len(total) - count - 1)
+        now = log.coefficients(at)  # the prior holds them near zero, not near where they are
         # the blocks' gradients with the log's own nuisances fitted away, as they are in the whole
         away = np.linalg.solve(inner, total[count:-1, :count])
-        z = -np.linalg.solve(inner, total[count:-1, -1])
+        z = -np.linalg.solve(inner, total[count:-1, -1] + now)
         hessian = hessian + (total[:count, :count] - total[:count, count:-1] @ away) / np.outer(unit, unit)
         slope = gram[:, :count, -1] + gram[:, :count, count:-1] @ z
-        slope -= (gram[:, count:-1, -1] + gram[:, count:-1, count:-1] @ z) @ away
+        pull = (now + z)[None] / max(int(mask_.sum()), 1) * mask_[:, None]
+        slope -= (gram[:, count:-1, -1] + gram[:, count:-1, count:-1] @ z + pull) @ away
         gradients.append(slope / unit)
         own.append(log.nuisances(z))
     return hessian, gradients, own

@@ -93,12 +93,12 @@ class SquatJumpTask:
         dt, info, bodies = self.period, tick.info, tick.output.bodies
         q = tick.after.bodies.q
         pressed = (bodies.contact_force**2).sum(-1) >= CONTACT_FORCE**2
-        aloft = 1.0 - pressed.max().astype(jnp.float32)
-        flying = (info.phase == squat_jump.FLIGHT).astype(jnp.float32)
-        landing = (info.phase == squat_jump.LANDING).astype(jnp.float32)
-        took_off = ((flying + tally.flight) > 0).astype(jnp.float32)
+        aloft = 1.0 - as_float(pressed.any())
+        flying = as_float(info.phase == squat_jump.FLIGHT)
+        landing = as_float(info.phase == squat_jump.LANDING)
+        took_off = as_float((flying + tally.flight) > 0)
         leg = jnp.sqrt(((bodies.r_WF - q[None, :3]) ** 2).sum(-1)).mean()
-        slide = (jnp.sqrt((bodies.slip_velocity[:, :2] ** 2).sum(-1)) * pressed).sum()
+        slide = (jnp.sqrt((bodies.slip_velocity[:, :2] ** 2).sum(-1) + 1e-12) * as_float(pressed)).sum()
         limits = self.settings.geometry.position_limits
         joints = q[7:]
         beyond = jnp.maximum(limits[:, 0] + STOP_MARGIN - joints, 0) + jnp.maximum(
@@ -119,15 +119,15 @@ class SquatJumpTask:
             stance=tally.stance + dt * (1.0 - flying),
             joint_stop=tally.joint_stop + dt * beyond.sum(),
             touched=jnp.maximum(tally.touched, landing * took_off * (1.0 - aloft)),
-            fallen=tally.fallen + dt * ((tally.fallen > 0) | down),
-            unrest=tally.unrest + dt * speed * ending,
+            fallen=tally.fallen + dt * as_float((tally.fallen > 0) | down),
+            unrest=tally.unrest + dt * speed * as_float(ending),
             residual=jnp.maximum(tally.residual, bodies.contact_residual),
         )
 
     def score(self, values: Array, tally: Tally, failed: Array, last: PlantState) -> Score:
         w = self.weights
         duration = self.ticks * self.period
-        flew = (tally.flight > 0).astype(jnp.float32)
+        flew = as_float(tally.flight > 0)
         # graded: the later a robot falls, the better; one that diverged counts as fallen from the start
         fall = jnp.where(failed > 0, 1.0, jnp.where(tally.fallen > 0, 0.2 + 0.8 * tally.fallen / duration, 0.0))
         terms = {
@@ -148,14 +148,14 @@ class SquatJumpTask:
         landed = (tally.touched > 0) & (tally.fallen == 0) & (failed == 0) & rests & level
         metrics = {
             "apex_height": tally.apex,
-            "landed": landed.astype(jnp.float32),
+            "landed": as_float(landed),
             "rebound_time": tally.rebound,
             "slip_distance": tally.slip,
             "flight_time": tally.flight,
             "final_height": height,
             "final_speed": tally.unrest / STANDING_TIME,
             "contact_residual": tally.residual,
-            "success": (landed & (tally.rebound <= 0.0)).astype(jnp.float32),
+            "success": as_float(landed & (tally.rebound <= 0.0)),
         }
         cost = sum(terms.values())
         return Score(jnp.where(jnp.isfinite(cost), cost, 2 * w["fall"]), terms, metrics)
@@ -172,6 +172,11 @@ METRIC_UNITS = {
     "contact_residual": "N",
     "success": "bool",
 }
+
+
+def as_float(condition: Array) -> Array:
+    """1.0 where true."""
+    return condition.astype(jnp.float32)
 
 
 def make_task(definition: TaskDefinition, model: Model) -> SquatJumpTask:

@@ -1,0 +1,120 @@
+"""Effects: off is off to the bit, on changes what it names, places are what they say, users' files join."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from experiments.effects import LIBRARY, load_effects
+from experiments.effects.compose import activate
+from experiments.effects.places import mask, places_of
+from experiments.errors import UserError
+from experiments.measurement.atoms import Atoms
+from experiments.measurement.drive_evidence import DRIVE_HOOKS
+from experiments.measurement.drive_log import DriveLog
+from experiments.measurement.drive_replay import DriveReplay, true_motion
+from experiments.measurement.refit import Placed
+from experiments.model import nominal_model
+from experiments.plant import make_plant
+from mjx_starleth.names import JOINT_NAMES
+from sea_jax import LoopPeriods, params_from_numbers
+
+ROWS = 200
+NAMED = """coulomb_friction viscous_friction cubic_friction stribeck_friction load_friction
+direction_dependent_friction motor_inertia torque_constant torque_constant_saturation torque_ripple bus_voltage_sag
+command_delay backlash spring_stiffness spring_stiffening spring_damping spring_hysteresis joint_coulomb_drag
+joint_viscous_drag payload link_mass ground_friction ground_compliance ground_slope constant_force
+joint_encoder_offset torque_sensor_gain torque_sensor_offset sensor_delay""".split()
+ON_DRIVES = [name for name in NAMED if set(LIBRARY[name].equations) & DRIVE_HOOKS]
+ON_BODIES = [name for name in NAMED if "body_parameters" in LIBRARY[name].equations]
+
+
+def test_every_effect_of_the_method_is_in_the_library() -> None:
+    assert set(NAMED) <= set(LIBRARY)
+
+
+@pytest.fixture(scope="module")
+def replays():
+    """Replay of hard-driven joints for any table of atoms: one compiled program for all effects."""
+    numbers = nominal_model().numbers.model_dump(mode="json")
+    atoms = Atoms(tuple(LIBRARY[name] for name in ON_DRIVES), JOINT_NAMES)
+    replay = DriveReplay(params_from_numbers(numbers), LoopPeriods(), atoms.active())
+    time = 2.5e-3 * np.arange(ROWS)[:, None]
+    phase = np.linspace(0, 3, 12)[None, :]
+    q, v = 0.3 * np.sin(20 * time + phase), 6.0 * np.cos(20 * time + phase)
+    # beyond what the battery can give at this speed, so that even a sagging supply shows
+    torque = 28.0 * np.sign(np.sin(35 * time + phase)) * np.where(np.arange(12) % 3 == 2, np.array([1] * 6 + [-1] * 6), 1)
+    zero = np.zeros_like(q)
+    columns = (torque, q, zero, q, v, zero, q + 0.1, zero, zero)
+    log = DriveLog(*(np.asarray(c, np.float32) for c in columns))
+    motion = true_motion(log, 2.5e-3, {})
+    run = jax.jit(lambda x: replay.predict(log, motion, atoms.numbers(x), jnp.zeros(12)))
+    return atoms, lambda x: np.asarray(run(jnp.asarray(x, jnp.float32)))
+
+
+@pytest.mark.parametrize("name", ON_DRIVES)
+def test_an_effect_acts_where_it_is_placed_and_nowhere_else(replays, name: str) -> None:
+    atoms, run = replays
+    effect = LIBRARY[name]
+    values = {p.name: p.start if p.start else p.high / 10 for p in effect.parameters}
+    off, on = run(atoms.off()), run(atoms.set(atoms.off(), name, "RF_HFE", values))
+    change = np.abs(on - off).max((0, 2))
+    joint = JOINT_NAMES.index("RF_HFE")
+    assert change[joint] > 1e-6, f"{name} changes nothing"
+    assert (np.delete(change, joint) == 0).all()
+
+
+def test_an_effect_at_zero_is_left_out_of_the_program() -> None:
+    off = [Placed(name, places_of(LIBRARY[name].axis)[0], {p.name: p.off for p in LIBRARY[name].parameters}) for name in NAMED]
+    effects, numbers = activate(off, LIBRARY)
+    assert effects.effects == () and numbers == ()
+
+
+@pytest.mark.parametrize("name", ON_BODIES)
+def test_effects_on_bodies_change_the_numbers_they_name(name: str) -> None:
+    plant = make_plant(nominal_model())
+    effect = LIBRARY[name]
+    where = places_of(effect.axis)[0]
+    values = {p.name: p.start if p.start else p.high / 10 for p in effect.parameters}
+    active, numbers = activate([Placed(name, where, values)], LIBRARY)
+    changed = active.apply("body_parameters", numbers, plant.params.bodies)
+    leaves = zip(jax.tree.leaves(plant.params.bodies), jax.tree.leaves(changed), strict=True)
+    assert any(np.abs(np.asarray(b) - np.asarray(a)).max(initial=0) > 0 for a, b in leaves)
+
+
+def test_payload_is_the_parallel_axis_theorem() -> None:
+    plant = make_plant(nominal_model())
+    place = np.array([0.1, -0.05, 0.2])
+    active, numbers = activate([Placed("payload", "torso", {"mass": 4.0, "x": 0.1, "y": -0.05, "z": 0.2})], LIBRARY)
+    b = active.apply("body_parameters", numbers, plant.params.bodies)
+    torso = float(plant.params.bodies.mass[0])
+    com = 4.0 * place / (torso + 4.0)
+    inertia = np.diag(np.asarray(plant.params.bodies.inertia[0], float))
+    for mass, r in ((torso, -com), (4.0, place - com)):
+        inertia = inertia + mass * (r @ r * np.eye(3) - np.outer(r, r))
+    np.testing.assert_allclose(b.com[0], com, rtol=1e-5)
+    np.testing.assert_allclose(b.inertia[0], np.diag(inertia), rtol=1e-5)
+
+
+def test_places() -> None:
+    assert mask("KFE", "joint").tolist() == [0, 0, 1] * 4
+    assert mask("LH", "link").tolist() == [0] * 6 + [1] * 3 + [0] * 3
+    assert mask("feet", "foot").sum() == 4
+    with pytest.raises(ValueError, match="no place 'tail'"):
+        mask("tail", "joint")
+
+
+def test_a_users_file_joins_the_library(tmp_path) -> None:
+    good = tmp_path / "cogging.py"
+    good.write_text(
+        "import jax.numpy as jnp\n"
+        "from experiments.effects import Effect, Parameter\n"
+        "EFFECT = Effect('cogging', 'magnets', 'drive', 'joint', (Parameter('torque', 'N m', 0, 1, 0.1),),\n"
+        "    {'motor_torque': lambda p, torque, s: torque + p.torque * jnp.sin(400 * s.motor_position)})\n"
+    )
+    assert "cogging" in load_effects([good])
+    bad = tmp_path / "bad.py"
+    bad.write_text("EFFECT = 3\n")
+    for path, words in ((bad, "must bind EFFECT"), (tmp_path / "none.py", "No effect file")):
+        with pytest.raises(UserError, match=words):
+            load_effects([path])
