@@ -27,9 +27,8 @@ def close(found, expected):
 
 
 @pytest.mark.parametrize("drive", ["full", "cheap"])
-@pytest.mark.parametrize("point", POINTS)
-def test_a_hook_that_changes_nothing_changes_no_bit(point, drive):
-    plain, hooked = play(SCENARIO, drive), play(SCENARIO, drive, hooks=DriveHooks(**{point: (unchanged,)}))
+def test_hooks_that_change_nothing_change_no_bit(drive):
+    plain, hooked = play(SCENARIO, drive), play(SCENARIO, drive, hooks=DriveHooks(*((unchanged,),) * len(POINTS)))
     for name in CHANNELS:
         np.testing.assert_array_equal(plain[name], hooked[name])
 
