@@ -34,7 +34,7 @@ def admm(problem: ForceProblem, force: Array, multiplier: Array, iterations: int
     W = problem.regularizer / jnp.where(load > 0.0, load, 1.0)
     rows_T = jnp.swapaxes(rows, 1, 2)
     D = PENALTY * mm(rows_T, rows) + W[:, None, None] * jnp.eye(3)[None]
-    D_inverse = inverse3(D) * (load > 0.0)[:, None, None]
+    D_inverse = inverse3(D) * (load > 0.0).astype(D.dtype)[:, None, None]
     AD = sum(A[:, :, k, None] * D_inverse[None, :, k] for k in range(3)).reshape(6, 12)  # A D^-1
     L = cholesky(jnp.eye(6) + AD @ A.reshape(6, 12).T)
     correction = solve_cholesky(L, AD)  # M^-1 A D^-1

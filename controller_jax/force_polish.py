@@ -23,8 +23,11 @@ from controller_jax.types import Array
 INDEPENDENT = 1e-3  # least part of a unit row off the others for it to count as a new direction
 PREDICTED = 0.05  # the same for rows that are only predicted to be active
 ON_FACE = 1e-3  # N, rounding allowed when a predicted face is tried
-PULLING = 1e-5  # of the forces in balance: a multiplier more negative than rounding
+PULLING = 1e-5  # of the largest multiplier: more negative than rounding
 MOVING = 1e-5  # of the step: less change than this of a row's force is rounding
+# Floor of the diagonal that is factored, in place of W: W is 1e-5 of S, too little for float32. Only wrenches that
+# the faces cannot give are affected, and those only in nu, not in the force.
+FLOOR = 2e-4
 
 
 class Faces(NamedTuple):
@@ -53,7 +56,8 @@ class PolishResult(NamedTuple):
     force: Array  # (4, 3) N
     multiplier: Array  # (4, 8) as in the ADMM
     step_left: Array  # () largest distance from a leg's force to the optimum on its faces, N
-    pull_left: Array  # () largest pull of a row still held, relative to the forces in balance
+    pull_left: Array  # () largest pull of a row still held, relative to the largest pressure
+    cost: Array  # () half of eq. 6
 
 
 class _Carry(NamedTuple):
@@ -68,15 +72,10 @@ class _Carry(NamedTuple):
 def polish(problem: ForceProblem, force: Array, multiplier: Array, steps: int) -> PolishResult:
     """Run a fixed number of steps from a force (4, 3) and the multipliers (4, 8) that foretell the active rows."""
     force, faces = _start(problem, force, multiplier)
-    zero = jnp.zeros(())
-    first = _Carry(
-        force=force,
-        row_force=mv(problem.rows, force),
-        residual=weighted_wrench(problem, force) - problem.b,
-        nu=jnp.zeros(6),
-        faces=faces,
-        result=PolishResult(force, jnp.zeros((4, 8)), zero, zero),
-    )
+    residual = weighted_wrench(problem, force) - problem.b
+    unknown = jnp.asarray(UNBOUNDED)
+    result = PolishResult(force, jnp.zeros((4, 8)), unknown, unknown, _cost(problem, force, residual))
+    first = _Carry(force, mv(problem.rows, force), residual, jnp.zeros(6), faces, result)
     last, _ = jax.lax.scan(lambda carry, _: (_step(problem, carry), None), first, None, length=steps)
     return last.result
 
@@ -88,7 +87,7 @@ def _start(problem: ForceProblem, force: Array, multiplier: Array) -> tuple[Arra
     on_faces = force
     for _ in range(3):
         score = jnp.where(free > PREDICTED**2, pressing * free, 0.0)
-        row = _one_hot_largest(score) * (score.max(1) > 0.0)[:, None]
+        row = _one_hot_largest(score) * (score.max(1) > 0.0).astype(score.dtype)[:, None]
         side = dot(row, jnp.sign(multiplier))
         normal = mtv(problem.rows, row)
         bound = dot(row, jnp.where(side[:, None] > 0.0, problem.upper, problem.lower))
@@ -133,24 +132,27 @@ def _basis(faces: Faces) -> Basis:
 
 
 def _best_on_faces(problem: ForceProblem, basis: Basis, nu: Array) -> tuple[Array, Array, Array]:
-    """Best force (4, 3) on the faces, its nu (6,), and how hard each u_k is pressed (4, 3), over W."""
+    """Best force (4, 3) on the faces, its nu (6,), and how hard each u_k is pressed (4, 3)."""
     A, u, load, W = problem.A, basis.u, problem.load, problem.regularizer
     A_u = sum(A[:, :, None, k] * u[None, :, :, k] for k in range(3))  # (6, 4, 3)
     A_P = A - sum(A_u[:, :, k, None] * u[None, :, k] for k in range(3))
     A_P_load = A_P * load[None, :, None]
-    M = W * jnp.eye(6) + A_P_load.reshape(6, 12) @ A_P.reshape(6, 12).T
-    c = mtv(u, basis.a) * (load > 0.0)[:, None]
+    M = jnp.maximum(W, FLOOR) * jnp.eye(6) + A_P_load.reshape(6, 12) @ A_P.reshape(6, 12).T
+    c = mtv(u, basis.a) * (load > 0.0).astype(u.dtype)[:, None]
 
     def force(nu: Array) -> Array:
         # projected twice: A^T nu may be 1e7 times what must remain of it
         along = (nu @ A_P_load.reshape(6, 12)).reshape(4, 3)
         return c + along - mtv(u, mv(u, along))
 
-    # the last step's nu is refined, not thrown away: float32 alone would leave errors where W is 1e-5 of S
+    # the last step's nu is refined, not thrown away
     missing = problem.b - weighted_wrench(problem, force(nu)) - W * nu
     nu = nu + solve_cholesky(cholesky(M), missing)
-    pressed = (nu @ A_u.reshape(6, 12)).reshape(4, 3) - basis.a / jnp.where(load > 0.0, load, 1.0)[:, None]
-    return force(nu), nu, pressed
+    best = force(nu)
+    # the wrench that is missed balances the faces: W nu at the solution, but without nu's error
+    missed = problem.b - weighted_wrench(problem, best)
+    pressed = (missed @ A_u.reshape(6, 12)).reshape(4, 3) - W * basis.a / jnp.where(load > 0.0, load, 1.0)[:, None]
+    return best, nu, pressed
 
 
 def _step(problem: ForceProblem, carry: _Carry) -> _Carry:
@@ -165,21 +167,26 @@ def _step(problem: ForceProblem, carry: _Carry) -> _Carry:
     stopped = (ratio < 1.0) & (ratio <= fraction)
 
     pressure = _pressure(basis, pressed)
-    scale = jnp.abs(pressure).max() + jnp.abs(best).max() + 1.0
+    scale = jnp.abs(pressure).max() + problem.regularizer * (jnp.abs(best).max() + 1.0)
     pull = -pressure * faces.side / scale
-    freed = _one_hot_largest(pull) * (pull > PULLING) * (common >= 1.0)
+    freed = _one_hot_largest(pull) * ((pull > PULLING) & (common >= 1.0)).astype(pull.dtype)
     held = jax.tree.map(lambda x: x * (1.0 - freed).reshape((4, 3) + (1,) * (x.ndim - 2)), faces)
     taken = _take_up(problem, held, row, direction, stopped)
 
     step = fraction[:, None] * d
-    multiplier = problem.regularizer * mtv(held.row, pressure)
+    moved = force + step
+    residual = carry.residual + weighted_wrench(problem, step)
+    now = PolishResult(
+        moved, mtv(held.row, pressure), jnp.abs(d - step).max(), pull.max(), _cost(problem, moved, residual)
+    )
+    better = now.cost <= carry.result.cost
     return _Carry(
-        force=force + step,
+        force=moved,
         row_force=carry.row_force + fraction[:, None] * change,
-        residual=carry.residual + weighted_wrench(problem, step),
+        residual=residual,
         nu=nu,
         faces=taken,
-        result=PolishResult(force + step, multiplier, jnp.abs(d - step).max(), pull.max()),
+        result=jax.tree.map(lambda new, old: jnp.where(better, new, old), now, carry.result),
     )
 
 
@@ -194,6 +201,12 @@ def _first_bound(problem: ForceProblem, carry: _Carry, d: Array, change: Array) 
     ratio = jnp.where(moving, jnp.maximum(room, 0.0) / jnp.where(moving, speed, 1.0), UNBOUNDED)
     row = _one_hot_largest(-ratio)
     return ratio.min(1), row, dot(row, jnp.sign(change))
+
+
+def _cost(problem: ForceProblem, force: Array, residual: Array) -> Array:
+    """Half of eq. 6, for the residual (6,) of the weighted wrench."""
+    W = problem.regularizer / jnp.where(problem.load > 0.0, problem.load, 1.0)
+    return 0.5 * (dot(residual, residual) + dot(W, dot(force, force)))
 
 
 def _fraction(problem: ForceProblem, carry: _Carry, d: Array, alone: Array, common: Array) -> Array:
@@ -212,7 +225,7 @@ def _fraction(problem: ForceProblem, carry: _Carry, d: Array, alone: Array, comm
 
 
 def _pressure(basis: Basis, pressed: Array) -> Array:
-    """Multipliers (4, 3), over W, of the active rows, by back substitution; > 0 presses at an upper bound."""
+    """Multipliers (4, 3) of the active rows, by back substitution; > 0 presses at an upper bound."""
     n0, n1, n2 = basis.length
     m2 = pressed[:, 2] / n2
     m1 = (pressed[:, 1] - basis.r21 * m2) / n1
@@ -222,7 +235,7 @@ def _pressure(basis: Basis, pressed: Array) -> Array:
 
 def _take_up(problem: ForceProblem, faces: Faces, row: Array, direction: Array, stopped: Array) -> Faces:
     """Put the rows (4, 8) that stopped a leg into its first empty slot."""
-    empty = (faces.side == 0.0).astype(row.dtype) * stopped[:, None]
+    empty = ((faces.side == 0.0) & stopped[:, None]).astype(row.dtype)
     second = empty[:, 1] * (1.0 - empty[:, 0])
     third = empty[:, 2] * (1.0 - empty[:, 0]) * (1.0 - empty[:, 1])
     slot = jnp.stack([empty[:, 0], second, third], 1)

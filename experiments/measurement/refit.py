@@ -13,7 +13,7 @@ import numpy as np
 from experiments.measurement.evidence import Evidence, Point
 
 ITERATIONS = 8
-ENOUGH = 1e-4  # relative fall of chi^2 below which the fit has ended
+ENOUGH = 2.0  # fall of chi^2 below which the fit has ended: a parameter is then within its interval
 STEP_LENGTHS = (1.0, 0.4, 0.1)
 DIFFERENCE = 0.01  # of a parameter's start: the step of the difference quotients
 
@@ -72,78 +72,122 @@ def refit(
     iterations: int = ITERATIONS,
 ) -> Refitted:
     """Fit effects (from their values) and nominal numbers to the given blocks (masks per log; default: all)."""
-    atoms = logs[0].atoms
-    variables = _variables(logs[0], effects, nominal)
-    v = np.array([_first(effects, x) for x in variables[: len(variables) - len(nominal)]] + [0.0] * len(nominal))
-    if start is not None:
-        v[len(v) - len(nominal) :] = start.nominal
-    masks = blocks or [np.ones(log.blocks, bool) for log in logs]
-    shifts = [p.shift for p in start.points] if start else [log.start().shift for log in logs]
-    offsets = [p.offset for p in start.points] if start else [log.start().offset for log in logs]
+    masks = tuple(blocks or [np.ones(log.blocks, bool) for log in logs])
+    problem = _Problem(tuple(logs), _variables(logs[0], effects, nominal), masks)
+    v = problem.start(effects, nominal, start)
+    points = problem.points(v, start.points if start else [log.start() for log in logs])
+    damping, best = 1e-6, problem.cost([v], [points])[0]
+    for _ in range(iterations):
+        normal = problem.normal(v, points)
+        tried = [problem.moved(v, length * problem.step(v, normal, damping)) for length in STEP_LENGTHS]
+        tried.append(v)  # only the log's own nuisances move
+        found = [problem.follow(c, v, points, normal) for c in tried]
+        costs = problem.cost(tried, found)
+        i = int(np.argmin(costs))
+        fallen, best = best - costs[i], costs[i]
+        v, points = tried[i], found[i]
+        damping = damping * 10 if i >= 2 else damping / 3
+        if fallen < ENOUGH and i < len(STEP_LENGTHS):
+            break
+    covariance = np.zeros((0, 0))
+    if len(v):
+        normal = problem.normal(v, points)
+        covariance = _covariance(normal.hessian, normal.gradients)
+    chi2 = tuple(log.chi2([p])[0] for log, p in zip(logs, points, strict=True))
+    return _result(effects, problem.variables, nominal, v, covariance, tuple(points), chi2)
 
-    def point(values, i):
-        x = logs[i].start().x
-        for variable, value in zip(variables, values, strict=True):
-            x = _add(atoms, x, variable, value)
-        return Point(x, shifts[i], offsets[i])
 
-    def cost(candidates):
-        prior = [((c / _priors(variables)) ** 2).sum() for c in candidates]
-        found = np.array(prior)
-        for i, log in enumerate(logs):
-            found += (log.chi2([point(c, i) for c in candidates]) * masks[i]).sum(1)
+class _Own(NamedTuple):
+    """A log's own nuisances near a point: where they want to be, and how they follow the variables."""
+
+    best: np.ndarray  # change of their coefficients that fits best with the variables held
+    follow: np.ndarray  # (nuisances, variables) further change per step of each variable
+
+
+class _Normal(NamedTuple):
+    """Normal equations of the variables, the logs' own nuisances fitted away; half of chi^2."""
+
+    hessian: np.ndarray
+    gradient: np.ndarray
+    gradients: tuple[np.ndarray, ...]  # per log (blocks, variables)
+    own: tuple[_Own, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """The least-squares problem: chi^2 of some blocks of some logs over the variables and the logs' nuisances."""
+
+    logs: tuple[Evidence, ...]
+    variables: list[_Variable]
+    masks: tuple[np.ndarray, ...]
+
+    @property
+    def scale(self) -> np.ndarray:
+        return np.array([x.scale for x in self.variables])
+
+    @property
+    def prior(self) -> np.ndarray:
+        return np.array([x.prior for x in self.variables])
+
+    def start(self, effects: Sequence[Placed], nominal: Sequence[Nominal], start: Refitted | None) -> np.ndarray:
+        fitted = [_first(effects, x) for x in self.variables[: len(self.variables) - len(nominal)]]
+        return np.array([*fitted, *(start.nominal if start else [0.0] * len(nominal))])
+
+    def points(self, v: np.ndarray, nuisances: Sequence[Point]) -> list[Point]:
+        """Points with these variables and the nuisances of others."""
+        return [Point(self.x(log, v), p.shift, p.offset) for log, p in zip(self.logs, nuisances, strict=True)]
+
+    def x(self, log: Evidence, v: np.ndarray) -> np.ndarray:
+        x = log.start().x
+        for variable, value in zip(self.variables, v, strict=True):
+            x = _add(log.atoms, x, variable, value)
+        return x
+
+    def cost(self, candidates: Sequence[np.ndarray], points: Sequence[Sequence[Point]]) -> np.ndarray:
+        """chi^2 of the blocks with all priors, for each candidate."""
+        found = np.array([((c / self.prior) ** 2).sum() for c in candidates])
+        for i, log in enumerate(self.logs):
+            mine = [p[i] for p in points]
+            found += (log.chi2(mine) * self.masks[i]).sum(1) + [(log.coefficients(p) ** 2).sum() for p in mine]
         return found
 
-    scale = np.array([x.scale for x in variables])
-    damping, best = 1e-6, cost([v])[0]
-    hessian, gradients = np.eye(len(v)), []
-    for _ in range(iterations):
-        hessian, gradients, nuisances = _normal(logs, [point(v, i) for i in range(len(logs))], variables, v, masks)
-        gradient = sum(g.sum(0) for g in gradients) + v / _priors(variables) ** 2
-        for i, (s, o) in enumerate(nuisances):
-            shifts[i], offsets[i] = shifts[i] + s, offsets[i] + o
-        relative = hessian * np.outer(scale, scale)
-        step = -scale * np.linalg.solve(
-            relative + damping * np.diag(np.diag(relative)) + 1e-12 * np.eye(len(v)), scale * gradient
-        )
-        tried = [_clipped(v + length * step, variables) for length in STEP_LENGTHS]
-        costs = cost([*tried, v])
-        i = int(np.argmin(costs))
-        fallen = best - costs[i]
-        v = v if i == len(tried) else tried[i]
-        damping = damping * 10 if i >= 2 else damping / 3
-        best, previous = costs[i], best
-        if fallen < ENOUGH * max(previous, 1.0) and i != len(tried):
-            break
-    points = tuple(point(v, i) for i in range(len(logs)))
-    if effects:
-        hessian, gradients, _ = _normal(logs, list(points), variables, v, masks)
-    chi2 = tuple(log.chi2([p])[0] for log, p in zip(logs, points, strict=True))
-    covariance = _covariance(hessian, gradients) if len(v) else np.zeros((0, 0))
-    return _result(effects, variables, nominal, v, covariance, points, chi2)
+    def normal(self, v: np.ndarray, points: Sequence[Point]) -> _Normal:
+        unit, count = self.unit(v), len(v)
+        hessian, gradients, own = np.diag(1.0 / self.prior**2), [], []
+        for log, at, mask_ in zip(self.logs, points, self.masks, strict=True):
+            steps = [_step(log.atoms, x, value) for x, value in zip(self.variables, v, strict=True)]
+            gram = log.local(at, np.stack(steps) if steps else np.zeros((0, log.atoms.size)))
+            gram = gram * mask_[:, None, None]
+            total = gram.sum(0)
+            now = log.coefficients(at)  # the prior holds them near zero, not near where they are
+            inner = total[count:-1, count:-1] + np.eye(len(now))
+            away = np.linalg.solve(inner, total[count:-1, :count])
+            z = -np.linalg.solve(inner, total[count:-1, -1] + now)
+            hessian = hessian + (total[:count, :count] - total[:count, count:-1] @ away) / np.outer(unit, unit)
+            gradients.append((gram[:, :count, -1] + gram[:, :count, count:-1] @ z) / unit)
+            own.append(_Own(z, -away / unit))
+        gradient = sum(g.sum(0) for g in gradients) + v / self.prior**2
+        return _Normal(hessian, gradient, tuple(gradients), tuple(own))
 
+    def unit(self, v: np.ndarray) -> np.ndarray:
+        """The difference quotients' steps."""
+        return DIFFERENCE * self.scale * np.array([_sign(x, a) for x, a in zip(self.variables, v, strict=True)])
 
-def _normal(logs, points, variables, v, masks):
-    """Hessian, gradient of each log's blocks (blocks, p), and each log's best shifts and offsets; chi^2 halved."""
-    count = len(v)
-    unit = DIFFERENCE * np.array([x.scale * _sign(x, value) for x, value in zip(variables, v, strict=True)])
-    hessian, gradients, own = np.diag(1.0 / _priors(variables) ** 2), [], []
-    for log, at, mask_ in zip(logs, points, masks, strict=True):
-        steps = [_step(log.atoms, x, value) for x, value in zip(variables, v, strict=True)]
-        gram = log.local(at, np.stack(steps) if steps else np.zeros((0, log.atoms.size))) * mask_[:, None, None]
-        total = gram.sum(0)
-        inner = total[count:-1, count:-1] + np.eye(len(total) - count - 1)
-        now = log.coefficients(at)  # the prior holds them near zero, not near where they are
-        # the blocks' gradients with the log's own nuisances fitted away, as they are in the whole
-        away = np.linalg.solve(inner, total[count:-1, :count])
-        z = -np.linalg.solve(inner, total[count:-1, -1] + now)
-        hessian = hessian + (total[:count, :count] - total[:count, count:-1] @ away) / np.outer(unit, unit)
-        slope = gram[:, :count, -1] + gram[:, :count, count:-1] @ z
-        pull = (now + z)[None] / max(int(mask_.sum()), 1) * mask_[:, None]
-        slope -= (gram[:, count:-1, -1] + gram[:, count:-1, count:-1] @ z + pull) @ away
-        gradients.append(slope / unit)
-        own.append(log.nuisances(z))
-    return hessian, gradients, own
+    def step(self, v: np.ndarray, normal: _Normal, damping: float) -> np.ndarray:
+        relative = normal.hessian * np.outer(self.scale, self.scale)
+        damped = relative + damping * np.diag(np.diag(relative)) + 1e-12 * np.eye(len(v))
+        return -self.scale * np.linalg.solve(damped, self.scale * normal.gradient)
+
+    def moved(self, v: np.ndarray, step: np.ndarray) -> np.ndarray:
+        return np.clip(v + step, [x.low for x in self.variables], [x.high for x in self.variables])
+
+    def follow(self, new: np.ndarray, v: np.ndarray, points: Sequence[Point], normal: _Normal) -> list[Point]:
+        """Points at new variables, with the nuisances where they then fit best."""
+        found = []
+        for log, point, own in zip(self.logs, points, normal.own, strict=True):
+            shift, offset = log.nuisances(own.best + own.follow @ (new - v))
+            found.append(Point(self.x(log, new), point.shift + shift, point.offset + offset))
+        return found
 
 
 def _covariance(hessian: np.ndarray, gradients: Sequence[np.ndarray]) -> np.ndarray:
@@ -197,14 +241,6 @@ def _step(atoms, variable: _Variable, value: float) -> np.ndarray:
     here = atoms.selection(variable.effect, variable.where)
     k = [c.parameter.name for c in atoms.of(variable.effect)].index(variable.parameter)
     return here[:, k] * DIFFERENCE * variable.scale * _sign(variable, value)
-
-
-def _priors(variables: Sequence[_Variable]) -> np.ndarray:
-    return np.array([x.prior for x in variables])
-
-
-def _clipped(v: np.ndarray, variables: Sequence[_Variable]) -> np.ndarray:
-    return np.clip(v, [x.low for x in variables], [x.high for x in variables])
 
 
 def _result(effects, variables, nominal, v, covariance, points, chi2) -> Refitted:

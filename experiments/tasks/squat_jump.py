@@ -35,6 +35,7 @@ CONE_EDGE = 0.8  # share of the friction cone beyond which a desired force is ch
 FALLEN_HEIGHT = 0.15  # m, torso above ground: lower than any crouch
 FALLEN_TILT = 0.7  # cosine of the torso's tilt
 STOP_MARGIN = 0.05  # rad, software margin before the joint stops (FACTS 1)
+REBOUND = 0.01  # s off the ground after touch-down; less is a foot's bounce, not a take-off
 STANDING_TIME = 0.5  # s at the end over which standing still is judged
 STANDING_SPEED = 0.05  # m/s
 STANDING_HEIGHT = 0.05  # m around the landing height
@@ -155,7 +156,7 @@ class SquatJumpTask:
             "final_height": height,
             "final_speed": tally.unrest / STANDING_TIME,
             "contact_residual": tally.residual,
-            "success": as_float(landed & (tally.rebound <= 0.0)),
+            "success": as_float(landed & (tally.rebound < REBOUND)),
         }
         cost = sum(terms.values())
         return Score(jnp.where(jnp.isfinite(cost), cost, 2 * w["fall"]), terms, metrics)
