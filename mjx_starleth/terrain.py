@@ -75,7 +75,7 @@ def slope_normal(angle: float, direction: float = 0.0) -> tuple[float, float, fl
 
 def contact_frame(normal: Array) -> Array:
     """Rows t1, t2, n (..., 3, 3) of unit normals (..., 3): t1 is the world's x axis projected on the surface."""
-    along = np.float32([1, 0, 0]) - normal[..., :1] * normal
+    along = jnp.broadcast_to(np.float32([1, 0, 0]), normal.shape) - normal[..., :1] * normal
     t1 = along * jax.lax.rsqrt(total(along * along))[..., None]
     return jnp.stack([t1, cross(normal, t1), normal], -2)
 
@@ -94,13 +94,22 @@ def ground_contact(terrain: Terrain, r_WF: Array, radius: Array, friction: Array
 
     place = total(r_WF[:, None] * level[None, :2])
     for k in range(terrain.patch_friction.shape[0]):
-        away = jnp.abs(place - terrain.patch_centre[k]) - terrain.patch_half_size[k]
+        away = jnp.abs(place - terrain.patch_centre[k][None]) - terrain.patch_half_size[k][None]
         friction = jnp.where(away.max(-1) <= 0, terrain.patch_friction[k], friction)
 
     raised, slope = _obstacles(terrain, place)
     cosine = jax.lax.rsqrt(1 + total(slope * slope))
     normal = (terrain.normal[None] - total(slope[:, :, None] * level[None, :2], 1)) * cosine[:, None]
     return GroundContact((height - raised) * cosine - radius, contact_frame(normal), friction)
+
+
+def obstacle_profile(terrain: Terrain, k: int, local: Array) -> tuple[Array, Array]:
+    """Shape of obstacle k at places (n, 2) in its own axes: fraction of its height (n,), gradient of that (n, 2) 1/m."""
+    flank = terrain.obstacle_flank[k]
+    t = jnp.clip((terrain.obstacle_half_size[k][None] - jnp.abs(local)) / flank + 0.5, 0, 1)
+    f = t * t * (3 - 2 * t)
+    df = -6 * t * (1 - t) / flank * jnp.sign(local)
+    return f[:, 0] * f[:, 1], jnp.stack([df[:, 0] * f[:, 1], f[:, 0] * df[:, 1]], -1)
 
 
 def _obstacles(terrain: Terrain, place: Array) -> tuple[Array, Array]:
@@ -110,12 +119,8 @@ def _obstacles(terrain: Terrain, place: Array) -> tuple[Array, Array]:
         c, s = jnp.cos(terrain.obstacle_yaw[k]), jnp.sin(terrain.obstacle_yaw[k])
         d = place - terrain.obstacle_centre[k][None]
         local = jnp.stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]], -1)
-        inside = (terrain.obstacle_half_size[k][None] - jnp.abs(local)) / terrain.obstacle_flank[k] + 0.5
-        t = jnp.clip(inside, 0, 1)
-        f = t * t * (3 - 2 * t)
-        df = -6 * t * (1 - t) / terrain.obstacle_flank[k] * jnp.sign(local)
-        top = terrain.obstacle_height[k]
-        along, across = top * df[:, 0] * f[:, 1], top * f[:, 0] * df[:, 1]
-        height = height + top * f[:, 0] * f[:, 1]
-        gradient = gradient + jnp.stack([c * along - s * across, s * along + c * across], -1)
+        profile, slope = obstacle_profile(terrain, k, local)
+        slope = jnp.stack([c * slope[:, 0] - s * slope[:, 1], s * slope[:, 0] + c * slope[:, 1]], -1)
+        height = height + terrain.obstacle_height[k] * profile
+        gradient = gradient + terrain.obstacle_height[k] * slope
     return height, gradient
