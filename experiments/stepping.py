@@ -12,7 +12,7 @@ from experiments.plant import PlantOutput, PlantState
 from experiments.rollout import Rollout, Score, Tick
 from experiments.trial import NOISE_COLUMNS, nominal_trial
 from mjx_starleth.bodies import BodyInput
-from mjx_starleth.mjx_engine import mjx_step
+from mjx_starleth.mjx_engine import make_mjx_engine
 from mjx_starleth.mujoco_c import MujocoC
 from sea_jax import JointCommand, JointMotion
 
@@ -78,14 +78,14 @@ def _drive(plant, params, state: PlantState, targets, measurement):
 
 
 def _mjx(rollout: Rollout, params: Any):
-    """mjx.step with MuJoCo's soft contact, one step per control period; its joint damping takes the drive's."""
+    """mjx.step with MuJoCo's soft contact, its joint damping takes the drive's."""
     plant = rollout.plant
-    step = mjx_step(plant.numbers, params.bodies)
+    engine = make_mjx_engine(plant.numbers, params.bodies, plant.periods.control)
 
     @jax.jit
     def move(state: PlantState, targets, measurement) -> tuple[PlantState, PlantOutput]:
         after_drive, output = _drive(plant, params, state, targets, measurement)
-        bodies, body = step(state.bodies, output.torque, output.damping)
+        bodies, body = engine.step(params.bodies, state.bodies, BodyInput(output.torque, output.damping))
         after = PlantState(bodies, after_drive, output.end_torque, body.contact_force, state.sensor_memory)
         return after, PlantOutput(output, body)
 
