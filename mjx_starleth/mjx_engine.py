@@ -21,6 +21,10 @@ from mjx_starleth.terrain import ground_contact
 
 Array = jax.Array
 
+SOFT_IMPRATIO = 10.0
+SOFT_SOLIMP = (0.9, 0.95, 0.001, 0.5, 2.0)  # MuJoCo's own
+SOFT_TIME = 6e-3  # s
+
 
 @dataclass(frozen=True, eq=False)
 class MjxEngine:
@@ -93,6 +97,9 @@ def make_mjx_engine(
     if np.any(np.asarray(params.terrain.obstacle_height)) or params.terrain.patch_friction.shape[0]:
         raise ValueError("The MJX engine knows planes only; use MuJoCo C for obstacles and friction patches.")
     model = mujoco_model(numbers, params, period / substeps)
+    # single precision: MJX's solver loses a nearly rigid contact, where MuJoCo C in double precision does not
+    model.opt.impratio, model.pair_solimp[:] = SOFT_IMPRATIO, SOFT_SOLIMP
+    model.pair_solref[:, 0] = np.maximum(model.pair_solref[:, 0], SOFT_TIME)
     feet = tuple((model.site(f"{leg}_foot").id, model.geom(f"{leg}_foot").id) for leg in LEGS)
     with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
         return MjxEngine(params, period, substeps, mjx.put_model(model), mjx.make_data(model), feet)

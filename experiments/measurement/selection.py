@@ -20,7 +20,7 @@ MOST_EFFECTS = 3
 FINALISTS = 5  # effects that are refitted in each round
 LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypothesis, and there are a thousand
 LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
-TIE = 0.03  # of the winner's gain: hypotheses closer than this to the winner cannot be told from it
+TIE = 0.002  # of the gain: hypotheses closer than this to the winner on held-out blocks cannot be told from it
 SHORT_FIT = 4  # iterations of a finalist's refit
 
 
