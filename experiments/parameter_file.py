@@ -25,9 +25,8 @@ SCHEMA_ID: Final = "starleth:parameters.schema.json"
 MAX_BYTES: Final = 1_000_000  # a file with every optional part has some 10 kB
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_.@/:\-]*$", max_length=100)]
-Word = Annotated[
-    str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_\-]*$", max_length=100)
-]  # may name a file: no dots, no slashes
+# may name a file: no dots, no slashes
+Word = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_\-]*$", max_length=100)]
 Line = Annotated[str, Field(max_length=2000)]
 Count = Annotated[int, Field(ge=0, lt=2**53)]  # JSON numbers are doubles for most readers
 Share = Annotated[float, Field(ge=0, le=1)]

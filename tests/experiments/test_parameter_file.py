@@ -195,6 +195,7 @@ def test_other_json_is_no_parameter_file(tmp_path, text):
     st.floats(1e-3, 1e3),
     st.floats(0, 1),
 )
+@settings(deadline=None)
 def test_float32_rounding_at_a_bound_is_forgiven_and_no_more(low, width, where):
     high = low + width
     value = float(np.float32(low + where * width))
