@@ -1,4 +1,4 @@
-"""Selection: which effects, where? Score every hypothesis, refit the best in the simulator, keep what held-out blocks prove.
+"""Selection: score every hypothesis, refit the best in the simulator, keep what held-out blocks prove.
 
 One effect at a time. The linear score of every effect at every place, with the robot's nominal numbers projected out,
 proposes; the non-linear refit on half of the blocks and its error on the other half decide.
@@ -20,7 +20,9 @@ MOST_EFFECTS = 3
 FINALISTS = 5  # effects that are refitted in each round
 LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypothesis, and there are a thousand
 LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
-TIE = 0.002  # of the gain: hypotheses closer than this to the winner on held-out blocks cannot be told from it
+TIE = 0.25  # of what the winner leaves over the noise: a rival that is closer than this cannot be told from it
+NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
+DOMINATED = 0.05  # of the best linear score: hypotheses below it are not refitted
 SHORT_FIT = 4  # iterations of a finalist's refit
 
 
@@ -61,7 +63,7 @@ def select(
     train, test = _halves(logs)
     fit = refit(logs, (), nominal, iterations=3)
     selection = Selection(fit, nominal, ladder=[("nominal model", fit)])
-    while len(selection.fit.effects) < most:
+    while len(selection.fit.effects) < most and _excess(logs, selection.fit) > NOISE:
         say(f"scoring {len(variants)} hypotheses at every place")
         ranking = score(logs, selection.fit, nominal, changes, variants)
         selection.rankings.append(ranking)
@@ -77,7 +79,8 @@ def select(
             break
         winner = finalists[0]
         full = refit(logs, winner.fit.effects, nominal, winner.fit)
-        reach = max(TIE * (before - winner.held_out), LEAST_GAIN)
+        noise = sum((log.weight() * part).sum() for log, part in zip(logs, test, strict=True))
+        reach = max(TIE * (winner.held_out - noise), LEAST_GAIN)
         selection.ties.append(
             [(f.scored.effect.name, f.scored.where) for f in finalists[1:] if f.held_out - winner.held_out < reach]
         )
@@ -124,6 +127,7 @@ def _finalists(ranking: Sequence[Scored], chosen: Sequence[Placed]) -> list[Scor
     taken = {(p.effect, p.where) for p in chosen}
     fresh = [s for s in ranking if (s.effect.name, s.where) not in taken]
     best = [s for s in best_of_each(fresh) if s.gain > LEAST_GAIN / 2][:FINALISTS]
+    best = [s for s in best if s.gain > DOMINATED * best[0].gain]
     if best:  # the winner's next best place is a hypothesis of its own
         rivals = [s for s in fresh if s.effect is best[0].effect and s.where != best[0].where]
         best += [s for s in rivals if s.gain > 0.7 * best[0].gain][:1]
@@ -183,6 +187,10 @@ def _halves(logs: Sequence[Evidence]) -> tuple[list[np.ndarray], list[np.ndarray
     """Alternate pairs of blocks: fitted on one half, proven on the other."""
     train = [np.arange(log.blocks) // 2 % 2 == 0 if log.blocks > 3 else np.arange(log.blocks) % 2 == 0 for log in logs]
     return train, [~mask_ for mask_ in train]
+
+
+def _excess(logs: Sequence[Evidence], fit: Refitted) -> float:
+    return fit.total / sum(log.weight().sum() for log in logs) - 1.0
 
 
 def _on(fit: Refitted, blocks: Sequence[np.ndarray]) -> float:
