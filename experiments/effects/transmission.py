@@ -9,6 +9,11 @@ def _backlash(p, deflection, _):
     return deflection - jnp.clip(deflection, -p.half_width, p.half_width)
 
 
+def _loose(p, torque, s):
+    # within the play nothing touches, the spring's damper included
+    return jnp.where((p.half_width > 0.0) & (s.deflection == 0.0), 0.0, torque)
+
+
 def _stiffness(p, params, _):
     return params._replace(spring_stiffness=params.spring_stiffness * (1.0 + p.relative))
 
@@ -37,7 +42,7 @@ EFFECTS = (
         "drive",
         "joint",
         (Parameter("half_width", "rad", 0.0, 0.15, 0.01),),
-        {"deflection": _backlash},
+        {"deflection": _backlash, "spring": _loose},
         seeds=({"half_width": 0.002}, {"half_width": 0.03}),
     ),
     Effect(

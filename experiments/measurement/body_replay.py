@@ -77,15 +77,15 @@ class BodyReplay:
         on_torso = mv(s.m_base, base) + mv(s.cross.swapaxes(1, 2), legs).sum(0) + s.bias[:6] - force
         on_legs = mv(s.cross, base[None]) + mv(s.m_leg, legs) + s.bias[6:].reshape(4, 3) - tau.reshape(4, 3)
 
-        n = params.terrain.normal
-        touching = s.r_WF - params.foot_radius * n[None]
+        n = params.terrain.normal[None]
+        touching = s.r_WF - params.foot_radius * n
         arm = touching - q[None, :3]
         leg_jacobian = jnp.cross(s.axis, touching[:, None] - s.anchor)  # (4 legs, 3 joints, 3 world)
         on_ground = row.contact * (0.0 if self.clamped else 1.0)
         foot_force = on_ground[:, None] * solve3(leg_jacobian, on_legs)
         on_torso = on_torso - jnp.concatenate([foot_force.sum(0), mv(s.R_WB.T, jnp.cross(arm, foot_force).sum(0))])
         omega = mv(s.R_WB, u[3:6])[None]
-        velocity = u[None, :3] + jnp.cross(omega, arm) + (leg_jacobian * u[6:].reshape(4, 3, 1)).sum(1)
+        velocity = u[None, :3] + jnp.cross(jnp.broadcast_to(omega, arm.shape), arm) + (leg_jacobian * u[6:].reshape(4, 3, 1)).sum(1)
         normal = (foot_force * n).sum(-1)
         tangential = foot_force - normal[:, None] * n
         sliding = velocity - (velocity * n).sum(-1)[:, None] * n
