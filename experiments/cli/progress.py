@@ -1,5 +1,6 @@
 """Progress of a search on the terminal: stage, generations, best so far, time left."""
 
+import time
 from pathlib import Path
 from typing import Any, Self
 
@@ -12,6 +13,7 @@ from experiments.export import Judged
 from experiments.tasks.definition import TaskDefinition
 
 INTERRUPTED = 130
+QUIET = 10.0  # s between lines where there is no terminal to draw a bar on
 
 
 class SearchProgress:
@@ -20,6 +22,7 @@ class SearchProgress:
     def __init__(self, definition: TaskDefinition, folder: Path) -> None:
         self.definition, self.folder = definition, folder
         self.console = Console(stderr=True)
+        self.told = time.monotonic()
         self.bar = Bar(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -41,6 +44,9 @@ class SearchProgress:
         last = progress.history[-1]
         name = self.definition.stages[last.stage].name
         self.bar.update(self.task, completed=progress.generations, description=name, best=f"{last.stage_best_cost:.3f}")
+        if not self.console.is_terminal and time.monotonic() - self.told > QUIET:
+            self.told = time.monotonic()
+            self.say(f"{name}: generation {progress.generations}, best {last.stage_best_cost:.3f}")
 
     def say(self, text: str) -> None:
         self.console.print(text, highlight=False, soft_wrap=True)
