@@ -5,8 +5,10 @@ M (u' - u) = h (tau - bias) + J^T impulse    set-valued laws between J u' and th
 q' = q_M + h/2 u'
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import partial
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -31,6 +33,8 @@ from mjx_starleth.body_types import (
     nominal_stance,
 )
 from mjx_starleth.contact import SWEEPS, ContactProblem, solve_contacts
+from mjx_starleth.foot_jacobian import FootJacobian, foot_jacobian
+from mjx_starleth.legs import leg_geometry, smooth_legs
 from mjx_starleth.numbers import RobotNumbers
 from mjx_starleth.rotation import cross, integrate
 from mjx_starleth.smooth import Inertias, Smooth, Tree, make_tree, smooth
@@ -49,6 +53,7 @@ class Bodies:
     period: float  # s
     sweeps: int  # of the contact solver in each step
     tree: Tree
+    smooth_dynamics: Callable[[Inertias, Array, Array], Smooth]
     stance: np.ndarray  # (19,)
 
     def initial_state(self, joint_position=None, base_height=None) -> BodyState:
@@ -60,11 +65,15 @@ class Bodies:
             q = q.at[2].set(jnp.asarray(base_height, jnp.float32))
         return BodyState(q, jnp.zeros(18, jnp.float32), jnp.zeros((4, 3), jnp.float32))
 
+    def smooth(self, params: BodyParams, q: Array, u: Array) -> Smooth:
+        """Kinematics, mass matrix and bias force at (q, u)."""
+        return self.smooth_dynamics(Inertias(params.mass, params.com, params.inertia, params.gravity), q, u)
+
     def step(self, params: BodyParams, state: BodyState, input: BodyInput) -> tuple[BodyState, BodyOutput]:
         """One period; pure."""
         h, u = self.period, state.u
         q_mid = integrate(state.q, u, h / 2)
-        s = smooth(self.tree, _inertias(params), q_mid, u)
+        s = self.smooth(params, q_mid, u)
         ground = ground_contact(params.terrain, s.r_WF, params.foot_radius, params.friction)
 
         force, damping = _applied(params, input, s.R_WB, q_mid, u, h)
@@ -73,7 +82,7 @@ class Bodies:
         push_leg = push[6:].reshape(4, 3)
         push_base = forward_substitute(f.lower, push[:6] - total(apply(transpose(f.gain), push_leg), 0))
 
-        jacobian = _contact_jacobian(s, ground, q_mid[:3], params.foot_radius)
+        jacobian = foot_jacobian(s, ground.frame, q_mid[:3], params.foot_radius)
         problem = _contact_problem(params, ground, f, jacobian, u, push_base, push_leg, h)
         impulse, residual = solve_contacts(problem, apply(ground.frame, state.impulse), self.sweeps)
 
@@ -88,31 +97,29 @@ class Bodies:
 
     def energy(self, params: BodyParams, state: BodyState) -> tuple[Array, Array]:
         """Kinetic and potential energy, J; the potential is zero with all masses at the world's origin."""
-        s = smooth(self.tree, _inertias(params), state.q, state.u)
+        s = self.smooth(params, state.q, state.u)
         base, leg = state.u[:6], state.u[6:].reshape(4, 3)
         momentum = apply(s.m_base, base) + 2 * total(apply(transpose(s.cross), leg), 0)
         kinetic = 0.5 * (total(base * momentum) + (leg * apply(s.m_leg, leg)).sum())
         return kinetic, -(params.mass[:, None] * s.r_WC * params.gravity[None]).sum()
 
 
-def make_bodies(numbers: RobotNumbers, period: float = 2.5e-3, sweeps: int = SWEEPS) -> Bodies:
-    """The nominal robot on a level plane."""
-    return Bodies(nominal_params(numbers), period, sweeps, make_tree(numbers), nominal_stance(numbers))
+def make_bodies(
+    numbers: RobotNumbers,
+    period: float = 2.5e-3,
+    sweeps: int = SWEEPS,
+    dynamics: Literal["mjx", "legs"] = "mjx",
+) -> Bodies:
+    """The nominal robot on a level plane.
 
-
-class Jacobian(NamedTuple):
-    """Velocities of the feet's points nearest to the ground, in their contact frames [t1 t2 n]."""
-
-    base: Array  # (4, 3, 6)
-    leg: Array  # (4, 3, 3) foot, direction, joint of its leg
-
-    def velocity(self, u: Array) -> Array:
-        """(4, 3) m/s"""
-        return apply(self.base, u[None, :6]) + apply(self.leg, u[6:].reshape(4, 3))
-
-
-def _inertias(params: BodyParams) -> Inertias:
-    return Inertias(params.mass, params.com, params.inertia, params.gravity)
+    dynamics: who computes kinematics, mass matrix and bias force: MJX, or legs.py, the same written out for this
+    robot (equal to rounding, several times cheaper to run and to compile). Raises ValueError for another name.
+    """
+    tree = make_tree(numbers)
+    compute = {"mjx": partial(smooth, tree), "legs": partial(smooth_legs, leg_geometry(numbers))}
+    if dynamics not in compute:
+        raise ValueError(f"No dynamics '{dynamics}'; choose one of {', '.join(compute)}.")
+    return Bodies(nominal_params(numbers), period, sweeps, tree, compute[dynamics], nominal_stance(numbers))
 
 
 def _applied(params: BodyParams, input: BodyInput, R_WB: Array, q: Array, u: Array, h: float) -> tuple[Array, Array]:
@@ -137,19 +144,11 @@ def _applied(params: BodyParams, input: BodyInput, R_WB: Array, q: Array, u: Arr
     return force if input.generalised_force is None else force + input.generalised_force, damping
 
 
-def _contact_jacobian(s: Smooth, ground: GroundContact, r_WB: Array, radius: Array) -> Jacobian:
-    r_WP = s.r_WF - radius * ground.frame[:, 2]
-    # a direction d of the frame sees a rotation w about the point a as d . (w x (r - a)) = w . ((r - a) x d)
-    turning = product(cross((r_WP - r_WB[None])[:, None], ground.frame), s.R_WB[None])
-    arm = cross(s.axis, r_WP[:, None] - s.anchor)
-    return Jacobian(jnp.concatenate([ground.frame, turning], -1), product(ground.frame, transpose(arm)))
-
-
 def _contact_problem(
     params: BodyParams,
     ground: GroundContact,
     f: Factor,
-    jacobian: Jacobian,
+    jacobian: FootJacobian,
     u: Array,
     push_base: Array,
     push_leg: Array,
@@ -180,7 +179,7 @@ def _output(
     params: BodyParams,
     s: Smooth,
     ground: GroundContact,
-    jacobian: Jacobian,
+    jacobian: FootJacobian,
     u: Array,
     impulse: Array,
     residual: Array,

@@ -17,6 +17,12 @@ def cross(a: Array, b: Array) -> Array:
     return jnp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], -1)
 
 
+def rotate(rotation: Array, v: Array) -> Array:
+    """One rotation matrix (3, 3) times vectors (..., 3)."""
+    columns = rotation.T.reshape(3, *(1,) * (v.ndim - 1), 3)
+    return v[..., :1] * columns[0] + v[..., 1:2] * columns[1] + v[..., 2:] * columns[2]
+
+
 def quaternion_product(p: Array, q: Array) -> Array:
     """Hamilton product of quaternions (..., 4), w x y z."""
     pw, px, py, pz = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
@@ -43,3 +49,14 @@ def integrate(q: Array, u: Array, period: float) -> Array:
     turned = quaternion_product(q[3:7], rotation_quaternion(period * u[3:6]))
     turned = turned * jax.lax.rsqrt(total(turned * turned))
     return jnp.concatenate([q[:3] + period * u[:3], turned, q[7:] + period * u[6:]])
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Torso to world (3, 3) of a unit quaternion (4,) w x y z."""
+    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return jnp.stack([jnp.stack(row) for row in rows])
