@@ -21,11 +21,14 @@ class DistributionState(NamedTuple):
 class Iterations(NamedTuple):
     """Fixed numbers of iterations; static."""
 
-    admm: int = 5
-    polish: int = 2
+    admm: int
+    polish: int
 
 
-ITERATIONS = Iterations()
+# Measured: in the loop, warm-started, this leaves nothing to do at 99.7 % of a jump's ticks; the rest catch up within
+# a tick or two. From zero, 20 and 12 reach the optimum of any problem that was tried.
+ITERATIONS = Iterations(admm=5, polish=2)
+COLD_START = Iterations(admm=20, polish=12)
 
 
 class ForceDistribution(NamedTuple):

@@ -176,10 +176,9 @@ def _step(problem: ForceProblem, carry: _Carry) -> _Carry:
     step = fraction[:, None] * d
     moved = force + step
     residual = carry.residual + weighted_wrench(problem, step)
-    now = PolishResult(
-        moved, mtv(held.row, pressure), jnp.abs(d - step).max(), pull.max(), _cost(problem, moved, residual)
-    )
-    better = now.cost <= carry.result.cost
+    cost = _cost(problem, moved, residual)
+    now = PolishResult(moved, mtv(held.row, pressure), jnp.abs(d - step).max(), pull.max(), cost)
+    better = cost <= carry.result.cost
     return _Carry(
         force=moved,
         row_force=carry.row_force + fraction[:, None] * change,

@@ -18,9 +18,7 @@ JOINTS: Final = ("HAA", "HFE", "KFE")
 POSITION_MARGIN: Final = 0.05  # rad taken off each end of the joint ranges (FACTS 1)
 
 
-def geometry_from_numbers(
-    numbers: Mapping[str, Any], position_margin: float = POSITION_MARGIN
-) -> LegGeometry:
+def geometry_from_numbers(numbers: Mapping[str, Any], position_margin: float = POSITION_MARGIN) -> LegGeometry:
     """Geometry, masses and limits of the four legs.
 
     numbers: the robot file as a dictionary. position_margin: rad taken off each end of the joint ranges.
@@ -29,9 +27,7 @@ def geometry_from_numbers(
     try:
         geometry = _geometry(numbers, position_margin)
     except (KeyError, IndexError, TypeError) as error:
-        raise ValueError(
-            f"The robot's numbers lack or misform {error}: compare them with starleth.json."
-        ) from None
+        raise ValueError(f"The robot's numbers lack or misform {error}: compare them with starleth.json.") from None
     for name, value in zip(geometry._fields, geometry):
         if not np.all(np.isfinite(value)):
             raise ValueError(f"The robot's numbers give a {name} that is not finite: correct the robot file.")

@@ -1,13 +1,11 @@
 """Leg kinematics against MuJoCo C and by round trips."""
 
-import json
-from importlib.resources import files
-
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from reference_robot import GEOMETRY, LEGS, LIMITS, NUMBERS, random_joints, reference_model
 
 from controller_jax.geometry import geometry_from_numbers
 from controller_jax.leg_kinematics import (
@@ -19,47 +17,14 @@ from controller_jax.leg_kinematics import (
 )
 from controller_jax.types import RobotState
 
-NUMBERS = json.loads(files("mjx_starleth").joinpath("starleth.json").read_text())
-GEOMETRY = geometry_from_numbers(NUMBERS)
-LIMITS = np.asarray(GEOMETRY.position_limits)
 POSITION_TOLERANCE = 2e-6  # m: a few roundings of float32 at 0.5 m
 ANGLE_TOLERANCE = 2e-4  # rad: float32 rounding of the knee's cosine, worst near the stretched leg
-LEGS = ("LF", "RF", "LH", "RH")
-
-
-def reference_model() -> mujoco.MjModel:
-    """The robot written down anew for MuJoCo C, from the numbers alone."""
-    b, legs = NUMBERS["bodies"], ""
-    for leg in LEGS:
-        x = b["haa_in_torso"]["x"] * (1 if leg[1] == "F" else -1)
-        y = b["haa_in_torso"]["y"] * (1 if leg[0] == "L" else -1)
-
-        def inertial(name: str) -> str:
-            inertia = " ".join(map(str, b[name]["inertia_diagonal"]))
-            return (
-                f'<inertial pos="0 0 {b[name]["com"][2]}" mass="{b[name]["mass"]}" diaginertia="{inertia}"/>'
-            )
-
-        hip, knee, foot = (
-            -length for length in (b["hip"]["length"], b["thigh"]["length"], b["foot"]["centre_from_knee"])
-        )
-        legs += f"""
-        <body name="{leg}_hip" pos="{x} {y} 0">{inertial("hip")}<joint axis="1 0 0"/>
-        <body name="{leg}_thigh" pos="0 0 {hip}">{inertial("thigh")}<joint axis="0 1 0"/>
-        <body name="{leg}_shank" pos="0 0 {knee}">{inertial("shank")}<joint axis="0 1 0"/>
-        <site name="{leg}" pos="0 0 {foot}"/></body></body></body>"""
-    torso = f'<body name="torso"><freejoint/>{inertial("torso")}{legs}</body>'
-    return mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{torso}</worldbody></mujoco>")
 
 
 @pytest.fixture(scope="module")
 def mujoco_robot() -> tuple[mujoco.MjModel, mujoco.MjData]:
     model = reference_model()
     return model, mujoco.MjData(model)
-
-
-def random_joints(rng: np.random.Generator) -> np.ndarray:
-    return rng.uniform(LIMITS[:, 0], LIMITS[:, 1]).astype(np.float32)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -134,9 +99,9 @@ def test_default_stance_is_that_of_the_robot_file():
 def test_targets_out_of_reach_stay_finite_and_within_limits():
     targets = jnp.asarray(np.random.default_rng(1).uniform(-1, 1, (500, 4, 3)), jnp.float32)
     targets = targets.at[0].set(GEOMETRY.r_BH_B).at[1].set(GEOMETRY.r_BH_B - jnp.array([[0.0, 0.0, 0.5035]]))
-    q, jacobian = jax.vmap(
-        lambda r: (inverse_kinematics(GEOMETRY, r), jax.jacrev(inverse_kinematics, 1)(GEOMETRY, r))
-    )(targets)
+    q, jacobian = jax.vmap(lambda r: (inverse_kinematics(GEOMETRY, r), jax.jacrev(inverse_kinematics, 1)(GEOMETRY, r)))(
+        targets
+    )
     assert jnp.isfinite(q).all() and jnp.isfinite(jacobian).all()
     assert (np.asarray(q) >= LIMITS[:, 0]).all() and (np.asarray(q) <= LIMITS[:, 1]).all()
 
