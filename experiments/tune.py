@@ -1,5 +1,6 @@
 """`starleth tune`: search a motion through its stages, judge it on unseen trials, write what the robot needs."""
 
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -86,6 +87,15 @@ class StagedEvaluation:
             self._by_drive[drive] = Evaluation(o.model, o.definition, drive, o.library, self.mesh, CHUNK)
         return self._by_drive[drive]
 
+    def compile_ahead(self) -> None:
+        """Compile the later stages' programs on another core while the first stage is being compiled and searched."""
+        _, *later = dict.fromkeys(stage.drive for stage in self.options.definition.stages)
+        guess = self.options.definition.space().initial[None]
+        for drive in later:
+            evaluation = self.on(drive)
+            members = crossed(np.repeat(guess, self.options.definition.population, 0), *self.options.nominal())
+            threading.Thread(target=evaluation.scores, args=(members,), daemon=True, name=f"compile {drive}").start()
+
     def __call__(self, stage: Stage, candidates: np.ndarray, key: jax.Array) -> tuple[np.ndarray, Any]:
         definition = self.stages[stage.name]
         evaluation = self.on(definition.drive)
@@ -103,6 +113,7 @@ def tune(
     Raises UserError, es.SearchInterrupted.
     """
     evaluation = StagedEvaluation(options)
+    evaluation.compile_ahead()
     definition = options.definition
     checkpointer = Checkpointer(run / "checkpoints", {"settings": options.settings()}, notify=notify)
     try:
