@@ -36,7 +36,7 @@ def test_the_right_model_explains_the_log_down_to_the_noise(log) -> None:
 def test_a_wrong_model_fails_where_it_is_wrong_and_learning_mends_it(log, tmp_path) -> None:
     library = {"coulomb_friction": LIBRARY["coulomb_friction"]}
     assert compare(log, wrong_model(), library).worst.over_noise > 2.0
-    learned, fit, _ = learn([log], nominal_model(), library, [("coulomb_friction", "all")])
+    learned, _, _ = learn([log], nominal_model(), library, [("coulomb_friction", "all")])
     fitted = learned.effects[0].parameters["torque"]
     low, high = fitted.ci95
     assert low < 0.0 < high or abs(fitted.value) < 1e-4, "the reference has no more friction than nominal"
