@@ -3,15 +3,9 @@
 from es.checkpoint import Checkpointer, CheckpointError
 from es.progress import Generation, Progress
 from es.refine import Refined, RefineSettings, refine
+from es.result import SearchFailed, SearchResult, StageResult
 from es.risk import Risk, reduce_costs
-from es.search import (
-    SearchFailed,
-    SearchInterrupted,
-    SearchResult,
-    SearchSettings,
-    StageResult,
-    search,
-)
+from es.search import SearchInterrupted, SearchSettings, search
 from es.space import Parameter, ParameterSpace
 from es.stages import Stage
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import jax
 import numpy as np
 
-from es.search import SearchFailed, SearchSettings, search
+from es.search import SearchSettings, search
 from es.space import Parameter, ParameterSpace
 from es.stages import Stage
 
@@ -106,7 +106,7 @@ def evaluations_here(problem: Problem, seed: int) -> float:
     try:
         stages = [Stage(problem.name, GENERATION_LIMIT)]
         search(lambda stage, x, key: (count(x), None), space, stages, settings, jax.random.key(seed))
-    except (_Reached, SearchFailed):
+    except _Reached:
         return count.evaluations
     return np.inf
 
@@ -139,15 +139,14 @@ def evaluations_pycma(problem: Problem, seed: int, policy: str = "none") -> floa
 
 
 def _redrawn(strategy, problem: Problem, redraws: int = 1000) -> np.ndarray:
-    """The paper's policy with pycma's samples: P vectors, each the first inside of up to 1 + 1000."""
+    """The paper's policy with pycma's samples: P vectors, inside unless 1 + 1000 draws for each were not enough."""
     found: list[np.ndarray] = []
-    last: list[np.ndarray] = []
-    for _ in range(1 + redraws // 50):
-        last = strategy.ask(50 * problem.population)
-        found += [x for x in last if np.all((x >= problem.low) & (x <= problem.high))]
-        if len(found) >= problem.population:
-            break
-    return np.array((found + last)[: problem.population])
+    drawn: list[np.ndarray] = []
+    while len(found) < problem.population and len(drawn) < (1 + redraws) * problem.population:
+        batch = strategy.ask(5 * problem.population)
+        found += [x for x in batch if np.all((x >= problem.low) & (x <= problem.high))]
+        drawn += batch
+    return np.array((found + drawn[::-1])[: problem.population])
 
 
 def compare(problem: Problem, seeds: range, policies: tuple[str, ...]) -> dict[str, float]:

@@ -33,12 +33,15 @@ class Draw(NamedTuple):
 
 
 @partial(jax.jit, static_argnums=0)
-def ask(engine: "CMA_ES", state: "State", key: jax.Array, high: jax.Array, redraws: int) -> tuple[Draw, "State"]:
+def ask(
+    engine: "CMA_ES", state: "State", key: jax.Array, generation: jax.Array, high: jax.Array, redraws: jax.Array
+) -> tuple[Draw, "State"]:
     """Draw P candidates in the normalised box [0, high]; also returns the state, now with its decomposition.
 
-    Redraw i of a candidate depends on `key` and i alone: the same key gives the same draw, whatever the other
-    candidates do. A redraw replaces the whole vector, which keeps the law that of the Gaussian given the box.
+    Redraw i of a candidate depends on `key`, `generation` and i alone, whatever the other candidates do. A redraw
+    replaces the whole vector, which keeps the law that of the Gaussian given the box.
     """
+    key = jax.random.fold_in(key, generation)
     with library_numerics():
         told, state = engine.ask(key, state, engine.params)
 

@@ -20,6 +20,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import jax
@@ -69,6 +70,7 @@ class Checkpointer:
         self._notify = notify
         self._fingerprint: dict[str, Any] = {}
         self._saved, self._saved_at = -1, -np.inf
+        self._lock = Lock()
 
     def open(self, search: Mapping[str, Any]) -> None:
         """Make the folder and fix the fingerprint: the caller's identity and the description of the search."""
@@ -85,33 +87,40 @@ class Checkpointer:
     def save(self, generation: int, arrays: Mapping[str, np.ndarray]) -> None:
         """Write the checkpoint of `generation` atomically and drop all but the last few. Raises CheckpointError.
 
-        Done in a thread of its own, for which a KeyboardInterrupt waits: orbax's threads would write on without it.
+        Done in a thread of its own, which a KeyboardInterrupt does not touch: orbax's threads would write on without it.
+        The lock is for the next save, should the interrupt have come before this one could be waited for.
         """
-        if jax.process_index() != 0 or generation == self._saved:
+        if jax.process_index() != 0:
             return
         with ThreadPoolExecutor(1) as thread:
             thread.submit(self._save, generation, arrays).result()
 
     def _save(self, generation: int, arrays: Mapping[str, np.ndarray]) -> None:
         final = self.directory / f"{PREFIX}{generation:08d}"
+        with self._lock:
+            if generation == self._saved:
+                return
+            try:
+                self._write(generation, arrays, final)
+            except OSError as error:
+                reason = error.strerror or type(error).__name__
+                raise CheckpointError(f"the checkpoint {final} cannot be written: {reason}") from None
+            except (ValueError, RuntimeError) as error:  # what tensorstore makes of the file system's errors
+                raise CheckpointError(f"the checkpoint {final} cannot be written: {_first_line(error)}") from None
+            self._saved, self._saved_at = generation, time.monotonic()
+
+    def _write(self, generation: int, arrays: Mapping[str, np.ndarray], final: Path) -> None:
+        self._remove_leftovers()
         writing = self.directory / f"{WRITING}{generation:08d}"
-        try:
-            self._remove_leftovers()
-            writing.mkdir()
-            _probe(writing / "probe", 2 * sum(array.nbytes for array in arrays.values()) + SMALL_FILES)
-            _orbax().save(writing / STATE, args=ocp.args.PyTreeSave(dict(arrays)))
-            _write_manifest(writing, self._fingerprint)
-            _sync_tree(writing)
-            self._drop(later_than=generation - 1)  # damaged ones that this search has passed over
-            writing.rename(final)
-            _sync(self.directory)
-            self._drop(all_but=self._keep)
-        except OSError as error:
-            reason = error.strerror or type(error).__name__
-            raise CheckpointError(f"the checkpoint {final} cannot be written: {reason}") from None
-        except (ValueError, RuntimeError) as error:  # what tensorstore makes of the file system's errors
-            raise CheckpointError(f"the checkpoint {final} cannot be written: {_first_line(error)}") from None
-        self._saved, self._saved_at = generation, time.monotonic()
+        writing.mkdir()
+        _probe(writing / "probe", 2 * sum(array.nbytes for array in arrays.values()) + SMALL_FILES)
+        _orbax().save(writing / STATE, args=ocp.args.PyTreeSave(dict(arrays)))
+        _write_manifest(writing, self._fingerprint)
+        _sync_tree(writing)
+        self._drop(later_than=generation - 1)  # damaged ones that this search has passed over
+        writing.rename(final)
+        _sync(self.directory)
+        self._drop(all_but=self._keep)
 
     def load(self) -> dict[str, np.ndarray] | None:
         """The arrays of the newest whole checkpoint, or None if the folder has no checkpoint at all.

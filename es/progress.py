@@ -12,6 +12,8 @@ from es.stages import Stage
 if TYPE_CHECKING:
     from evosax.algorithms.distribution_based.cma_es import State
 
+    from es.bounds import Draw
+
 
 class Generation(NamedTuple):
     """What is kept of one generation. Costs are the caller's, without the charge for leaving the bounds."""
@@ -42,11 +44,6 @@ class Progress(NamedTuple):
         """Done in all stages."""
         return len(self.history)
 
-    @property
-    def stage_best_cost(self) -> float:
-        """Lowest cost of the stage under way; costs of an earlier stage mean something else and do not count."""
-        return self.history[-1].stage_best_cost if self.stage_generations else np.inf
-
 
 def begin(space: ParameterSpace, population: int, sigma: float) -> Progress:
     """Progress before the first generation: the initial guess and sigma in every direction."""
@@ -58,6 +55,31 @@ def enter_stage(progress: Progress, stage: Stage) -> Progress:
     """Progress at the door of a stage after the first: the distribution widened as the stage asks."""
     strategy = cma_es.reenter(progress.strategy, stage.sigma_rescale, stage.sigma_floor)
     return progress._replace(strategy=strategy)
+
+
+def summary(
+    progress: Progress, space: ParameterSpace, draw: "Draw", candidates: np.ndarray, costs: np.ndarray
+) -> Generation:
+    """What is remembered of a generation drawn from `progress`; any cost that is not finite is a failure."""
+    finite = np.isfinite(costs)
+    best = int(np.argmin(np.where(finite, costs, np.inf)))
+    best_cost = float(costs[best]) if finite.any() else np.inf
+    stage_best_cost, stage_best = best_cost, candidates[best]
+    if progress.stage_generations > 0 and progress.history[-1].stage_best_cost <= best_cost:
+        stage_best_cost, stage_best = progress.history[-1].stage_best_cost, progress.history[-1].stage_best
+    return Generation(
+        stage=progress.stage,
+        best_cost=best_cost,
+        mean_cost=float(np.mean(costs[finite], dtype=np.float64)) if finite.any() else np.inf,
+        stage_best_cost=stage_best_cost,
+        stage_best=stage_best,
+        mean=space.denormalise(np.asarray(progress.strategy.mean)),
+        sigma=float(progress.strategy.std),
+        widest_deviation=cma_es.widest_deviation(progress.strategy),
+        failed=int(np.sum(~finite)),
+        redraws=int(np.sum(draw.redraws)),
+        projected=int(np.sum(np.asarray(draw.distance) > 0.0)),
+    )
 
 
 def last_of_stage(history: Sequence[Generation], stage: int) -> Generation:

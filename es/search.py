@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
@@ -20,7 +20,8 @@ import numpy as np
 from es import bounds, cma_es
 from es.checkpoint import Checkpointer, CheckpointError
 from es.checks import check_count, check_number
-from es.progress import Generation, Progress, begin, enter_stage, from_arrays, last_of_stage, to_arrays
+from es.progress import Progress, begin, enter_stage, from_arrays, summary, to_arrays
+from es.result import SearchResult, result_of
 from es.space import ParameterSpace
 from es.stages import Stage, check_stages
 
@@ -53,28 +54,6 @@ class SearchSettings:
         check_number("tolerance", self.tolerance, at_least=1e-7)
 
 
-class StageResult(NamedTuple):
-    """How one stage ended."""
-
-    name: str
-    best: np.ndarray  # (n,) best candidate evaluated in this stage, in the parameters' units
-    best_cost: float  # its cost in its own generation; inf if no cost was finite
-    generations: int
-    converged: bool  # ended by the tolerance and not by its number of generations
-
-
-class SearchResult(NamedTuple):
-    """What a search found. The last stage counts: costs of different stages cannot be compared."""
-
-    best: np.ndarray  # (n,) best candidate of the last stage, in the parameters' units
-    best_cost: float  # its cost under the perturbations of its own generation: a little lucky if these are random
-    mean: np.ndarray  # (n,) mean of the final distribution, in the parameters' units
-    stages: tuple[StageResult, ...]
-    history: tuple[Generation, ...]
-    evaluations: int  # candidates evaluated, those before a resume included
-    resumed_at: int  # generations that came from a checkpoint, 0 for a new search
-
-
 class SearchInterrupted(Exception):
     """Ctrl-C: the generation under way was dropped, the ones before it are in the last checkpoint."""
 
@@ -83,10 +62,6 @@ class SearchInterrupted(Exception):
         self.where = where  # the checkpoints' folder, None without a checkpointer
         kept = f"the checkpoint in {where} continues it" if where and generations else "nothing was saved"
         super().__init__(f"the search was interrupted after {generations} of at most {total} generations; {kept}")
-
-
-class SearchFailed(ValueError):
-    """No candidate of the last stage had a finite cost."""
 
 
 def search(
@@ -107,18 +82,17 @@ def search(
     """
     stages = check_stages(stages)
     key = _without_device(key)
-    arrays = None
     if checkpointer is not None:
         checkpointer.open(describe(space, stages, settings, key))
-        arrays = checkpointer.load()
-    engine = cma_es.make_engine(settings.population, space.size)
+    arrays = None if checkpointer is None else checkpointer.load()
+    loop = _Loop.over(evaluate, space, stages, settings, key)
     progress = begin(space, settings.population, settings.sigma)
     if arrays is not None:
         progress = _resumed(arrays, progress, len(stages), checkpointer.directory)
     resumed_at = progress.generations
     try:
         while progress.stage < len(stages):
-            progress, aux = _next_generation(evaluate, engine, space, stages, settings, key, progress)
+            progress, aux = loop.next_generation(progress)
             if on_generation is not None:
                 on_generation(progress, aux)
             if checkpointer is not None and (checkpointer.due() or progress.stage == len(stages)):
@@ -129,7 +103,7 @@ def search(
         where = None if checkpointer is None else str(checkpointer.directory)
         total = sum(stage.generations for stage in stages)
         raise SearchInterrupted(progress.generations, total, where) from None
-    return _result(progress, space, stages, settings, resumed_at)
+    return result_of(progress, space, stages, settings.population, resumed_at)
 
 
 def describe(
@@ -160,96 +134,62 @@ def _resumed(arrays: Mapping[str, np.ndarray], fresh: Progress, stages: int, dir
         raise CheckpointError(f"the checkpoint in {directory} does not fit this search: {error}") from None
 
 
-def _next_generation(
-    evaluate: Evaluate,
-    engine: "CMA_ES",
-    space: ParameterSpace,
-    stages: tuple[Stage, ...],
-    settings: SearchSettings,
-    key: jax.Array,
-    progress: Progress,
-) -> tuple[Progress, Any]:
-    """One generation: draw, evaluate, learn. Returns the progress after it and the caller's aux."""
-    stage = stages[progress.stage]
-    draw_key, evaluation_key = (
-        jax.random.fold_in(jax.random.fold_in(key, stream), progress.generations)
-        for stream in (DRAW_STREAM, EVALUATION_STREAM)
-    )
-    device = cma_es.search_device()
-    high = jax.device_put(space.normalised_high, device)
-    draw, strategy = bounds.ask(
-        engine, progress.strategy, jax.device_put(draw_key, device), high, np.int32(settings.redraws)
-    )
-    candidates = space.denormalise(np.asarray(draw.inside))
+@dataclass(frozen=True)
+class _Loop:
+    """What stays the same from generation to generation."""
 
-    costs, aux = evaluate(stage, candidates, evaluation_key)
-    costs = np.asarray(costs)
-    if costs.shape != (settings.population,):
-        raise ValueError(f"evaluate must return {settings.population} costs, not an array of shape {costs.shape}")
-    charged = costs + settings.bound_penalty * np.asarray(draw.distance, np.float64)
-    strategy = cma_es.tell(engine, strategy, draw.told, charged.astype(np.float32))
+    evaluate: Evaluate
+    space: ParameterSpace
+    stages: tuple[Stage, ...]
+    settings: SearchSettings
+    engine: "CMA_ES"
+    draw_key: jax.Array  # on the search's device
+    evaluation_key: jax.Array  # on no device in particular, as the caller may use any
+    high: jax.Array  # upper corner of the normalised box, on the search's device
 
-    generation = _summary(progress, space, draw, candidates, costs)
-    progress = Progress(strategy, progress.stage, progress.stage_generations + 1, (*progress.history, generation))
-    return _after_generation(progress, stages, settings), aux
+    @classmethod
+    def over(
+        cls,
+        evaluate: Evaluate,
+        space: ParameterSpace,
+        stages: tuple[Stage, ...],
+        settings: SearchSettings,
+        key: jax.Array,
+    ) -> "_Loop":
+        device = cma_es.search_device()
+        draw_key = jax.device_put(jax.random.fold_in(key, DRAW_STREAM), device)
+        evaluation_key = jax.random.fold_in(key, EVALUATION_STREAM)
+        engine = cma_es.make_engine(settings.population, space.size)
+        high = jax.device_put(space.normalised_high, device)
+        return cls(evaluate, space, stages, settings, engine, draw_key, evaluation_key, high)
 
+    def next_generation(self, progress: Progress) -> tuple[Progress, Any]:
+        """Draw, evaluate, learn; the progress after it and the caller's aux."""
+        index, population = np.int32(progress.generations), self.settings.population
+        redraws = np.int32(self.settings.redraws)
+        draw, strategy = bounds.ask(self.engine, progress.strategy, self.draw_key, index, self.high, redraws)
+        candidates = self.space.denormalise(np.asarray(draw.inside))
 
-def _summary(
-    progress: Progress, space: ParameterSpace, draw: bounds.Draw, candidates: np.ndarray, costs: np.ndarray
-) -> Generation:
-    """What is remembered of the generation; a cost that is not finite, even -inf, is a failure and never the best."""
-    finite = np.isfinite(costs)
-    ranked = np.where(finite, costs, np.inf)
-    best = int(np.argmin(ranked))
-    best_cost, best_candidate = float(ranked[best]), candidates[best]
-    if progress.stage_best_cost <= best_cost and progress.stage_generations > 0:
-        stage_best_cost, stage_best = progress.stage_best_cost, progress.history[-1].stage_best
-    else:
-        stage_best_cost, stage_best = best_cost, best_candidate
-    return Generation(
-        stage=progress.stage,
-        best_cost=best_cost,
-        mean_cost=float(np.mean(costs[finite], dtype=np.float64)) if finite.any() else np.inf,
-        stage_best_cost=stage_best_cost,
-        stage_best=stage_best,
-        mean=space.denormalise(np.asarray(progress.strategy.mean)),
-        sigma=float(progress.strategy.std),
-        widest_deviation=cma_es.widest_deviation(progress.strategy),
-        failed=int(np.sum(~finite)),
-        redraws=int(np.sum(draw.redraws)),
-        projected=int(np.sum(np.asarray(draw.distance) > 0.0)),
-    )
+        costs, aux = self.evaluate(self.stages[progress.stage], candidates, _fold_in(self.evaluation_key, index))
+        costs = np.asarray(costs)
+        if costs.shape != (population,):
+            raise ValueError(f"evaluate must return {population} costs, not an array of shape {costs.shape}")
+        charged = costs + self.settings.bound_penalty * np.asarray(draw.distance, np.float64)
+        strategy = cma_es.tell(self.engine, strategy, draw.told, charged.astype(np.float32))
+
+        generation = summary(progress, self.space, draw, candidates, costs)
+        progress = Progress(strategy, progress.stage, progress.stage_generations + 1, (*progress.history, generation))
+        return self._with_stage(progress), aux
+
+    def _with_stage(self, progress: Progress) -> Progress:
+        """The same progress, or the beginning of the next stage if this one converged or used its generations."""
+        spent = progress.stage_generations >= self.stages[progress.stage].generations
+        if not spent and cma_es.widest_deviation(progress.strategy) >= self.settings.tolerance:
+            return progress
+        progress = progress._replace(stage=progress.stage + 1, stage_generations=0)
+        if progress.stage == len(self.stages):
+            return progress
+        return enter_stage(progress, self.stages[progress.stage])
 
 
-def _after_generation(progress: Progress, stages: tuple[Stage, ...], settings: SearchSettings) -> Progress:
-    """The same progress, or the beginning of the next stage if this one has converged or used its generations."""
-    spent = progress.stage_generations >= stages[progress.stage].generations
-    if not spent and not _converged(progress, settings):
-        return progress
-    progress = progress._replace(stage=progress.stage + 1, stage_generations=0)
-    return enter_stage(progress, stages[progress.stage]) if progress.stage < len(stages) else progress
-
-
-def _converged(progress: Progress, settings: SearchSettings) -> bool:
-    return cma_es.widest_deviation(progress.strategy) < settings.tolerance
-
-
-def _result(
-    progress: Progress, space: ParameterSpace, stages: tuple[Stage, ...], settings: SearchSettings, resumed_at: int
-) -> SearchResult:
-    """The result of a finished search."""
-    results = []
-    for index, stage in enumerate(stages):
-        last = last_of_stage(progress.history, index)
-        count = sum(generation.stage == index for generation in progress.history)
-        results.append(StageResult(stage.name, last.stage_best, last.stage_best_cost, count, count < stage.generations))
-    if not np.isfinite(results[-1].best_cost):
-        raise SearchFailed(
-            f"no candidate of stage '{stages[-1].name}' had a finite cost in {results[-1].generations} generations; "
-            "check the initial guess, the bounds and the cost"
-        )
-    mean = space.denormalise(np.asarray(progress.strategy.mean))
-    evaluations = progress.generations * settings.population
-    return SearchResult(
-        results[-1].best, results[-1].best_cost, mean, tuple(results), progress.history, evaluations, resumed_at
-    )
+_fold_in = jax.jit(jax.random.fold_in)

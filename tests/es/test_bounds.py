@@ -16,8 +16,8 @@ def ask(mean: float, sigma: float, redraws: int, seed: int = 0, high: np.ndarray
     engine = cma_es.make_engine(POPULATION, SIZE)
     state = cma_es.start(engine, np.full(SIZE, mean, np.float32), sigma)
     key = jax.device_put(jax.random.key(seed), cma_es.search_device())
-    draw, state = bounds.ask(engine, state, key, high, np.int32(redraws))
-    return jax.tree.map(np.asarray, draw), engine, state, key
+    draw, state = bounds.ask(engine, state, key, np.int32(7), high, np.int32(redraws))
+    return jax.tree.map(np.asarray, draw), engine, state, jax.random.fold_in(key, 7)
 
 
 def redrawn_one_by_one(engine, state, key, redraws: int):

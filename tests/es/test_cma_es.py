@@ -51,7 +51,7 @@ def weights(costs, seed: int = 0):
     engine, state, _ = anisotropic_state()
     told, state = draw(engine, state, seed)
     with cma_es.library_numerics():
-        found = cma_es.ordinal_weights(told, np.asarray(costs, np.float32), state, engine.params)
+        found = engine.fitness_shaping_fn(told, np.asarray(costs, np.float32), state, engine.params)
     return np.asarray(found), np.asarray(engine.params.weights), told, state
 
 
