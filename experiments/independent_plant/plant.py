@@ -197,8 +197,9 @@ class Plant:
             command = family.command(time, command)
         seen = Measured(row["joint_position"], row["joint_velocity"], row["joint_torque"], row["motor_position"])
         drive.wanted_velocity = self.controller(command, seen)
-        for family in hooked(self.families, "torso_force"):
-            bodies.push(family.torso_force(time))
+        forces = [family.torso_force(time) for family in hooked(self.families, "torso_force")]
+        if forces:
+            bodies.push(sum(forces))
         link_families, memories = hooked(self.families, "link_torque"), hooked(self.families, "remember")
         for i in range(CONTROL_STEPS):
             if i % LOAD_STEPS == 0:
