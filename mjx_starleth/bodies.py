@@ -34,7 +34,7 @@ from mjx_starleth.body_types import (
 )
 from mjx_starleth.contact import SWEEPS, ContactProblem, solve_contacts
 from mjx_starleth.foot_jacobian import FootJacobian, foot_jacobian
-from mjx_starleth.legs import leg_geometry, smooth_legs
+from mjx_starleth.legs import LegGeometry, leg_geometry, lowest_foot, smooth_legs
 from mjx_starleth.numbers import RobotNumbers
 from mjx_starleth.rotation import cross, integrate
 from mjx_starleth.smooth import Inertias, Smooth, Tree, make_tree, smooth
@@ -54,13 +54,18 @@ class Bodies:
     sweeps: int  # of the contact solver in each step
     tree: Tree
     smooth_dynamics: Callable[[Inertias, Array, Array], Smooth]
+    geometry: LegGeometry
     stance: np.ndarray  # (19,)
 
-    def initial_state(self, joint_position=None, base_height=None) -> BodyState:
-        """At rest, level, over the world's origin, in the default stance unless joints (12,) or height differ."""
+    def initial_state(self, joint_position: Array | None = None, base_height: Array | None = None) -> BodyState:
+        """At rest, level, over the world's origin: the default stance unless joints (12,) or height (m) differ.
+
+        Joints without a height put the lowest foot on the ground at height 0.
+        """
         q = jnp.asarray(self.stance)
         if joint_position is not None:
             q = q.at[7:].set(jnp.asarray(joint_position, jnp.float32))
+            q = q.at[2].set(lowest_foot(self.geometry, q[7:]) + self.params.foot_radius)
         if base_height is not None:
             q = q.at[2].set(jnp.asarray(base_height, jnp.float32))
         return BodyState(q, jnp.zeros(18, jnp.float32), jnp.zeros((4, 3), jnp.float32))
@@ -115,11 +120,11 @@ def make_bodies(
     dynamics: who computes kinematics, mass matrix and bias force: MJX, or legs.py, the same written out for this
     robot (equal to rounding, several times cheaper to run and to compile). Raises ValueError for another name.
     """
-    tree = make_tree(numbers)
-    compute = {"mjx": partial(smooth, tree), "legs": partial(smooth_legs, leg_geometry(numbers))}
+    tree, geometry = make_tree(numbers), leg_geometry(numbers)
+    compute = {"mjx": partial(smooth, tree), "legs": partial(smooth_legs, geometry)}
     if dynamics not in compute:
         raise ValueError(f"No dynamics '{dynamics}'; choose one of {', '.join(compute)}.")
-    return Bodies(nominal_params(numbers), period, sweeps, tree, compute[dynamics], nominal_stance(numbers))
+    return Bodies(nominal_params(numbers), period, sweeps, tree, compute[dynamics], geometry, nominal_stance(numbers))
 
 
 def _applied(params: BodyParams, input: BodyInput, R_WB: Array, q: Array, u: Array, h: float) -> tuple[Array, Array]:

@@ -88,7 +88,11 @@ def nominal_params(numbers: RobotNumbers) -> BodyParams:
 
 
 def nominal_stance(numbers: RobotNumbers) -> np.ndarray:
-    """q (19,) of the default stance: level, the torso's origin over the world's."""
+    """q (19,) of the default stance: level, over the world's origin, the feet on the ground.
+
+    The file's base height counts from the centres of the feet, as the published poses do.
+    """
     pose = numbers.default_stance.LF
     joints = np.array([pose.HAA, pose.HFE, pose.KFE] * len(LEGS)) * np.array(JOINT_SIGN)
-    return np.float32([0, 0, numbers.default_stance.base_height, 1, 0, 0, 0, *joints])
+    height = numbers.default_stance.base_height + numbers.bodies.foot.radius
+    return np.float32([0, 0, height, 1, 0, 0, 0, *joints])

@@ -47,6 +47,11 @@ def leg_geometry(numbers: RobotNumbers) -> LegGeometry:
     return LegGeometry(np.float32(hip), np.float32([b.hip.length, b.thigh.length, b.foot.centre_from_knee]))
 
 
+def lowest_foot(geometry: LegGeometry, joints: Array) -> Array:
+    """How far the lowest foot's centre is below the origin of a level torso, m; joints (12,)."""
+    return -_chain(geometry, joints.reshape(4, 3).T).foot[:, 2].min()
+
+
 def smooth_legs(geometry: LegGeometry, inertias: Inertias, q: Array, u: Array) -> Smooth:
     """Everything that the time step needs at position q (19,) and velocity u (18,); see smooth.py."""
     R_WB = rotation_matrix(q[3:7])

@@ -1,0 +1,65 @@
+"""The numbers file: what it gives back, what it refuses, and the hash that names a robot."""
+
+import copy
+import json
+from importlib import resources
+
+import pytest
+
+from mjx_starleth.numbers import load_numbers, numbers_hash, robot_numbers
+
+RAW = json.loads((resources.files("mjx_starleth") / "starleth.json").read_text())
+
+
+def changed(path: str, value) -> dict:
+    data = copy.deepcopy(RAW)
+    *parents, last = path.split(".")
+    place = data
+    for key in parents:
+        place = place[key]
+    place[last] = value
+    return data
+
+
+def test_the_dump_is_the_file():
+    assert json.loads(json.dumps(load_numbers().model_dump())) == RAW
+
+
+def test_the_hash_names_the_robot_and_not_its_prose():
+    nominal = numbers_hash(load_numbers())
+    assert numbers_hash(robot_numbers(changed("about", "another text"))) == nominal
+    assert numbers_hash(robot_numbers(changed("bodies.torso.mass", 17.2))) != nominal
+    assert numbers_hash(robot_numbers(changed("gravity", 9.81))) == nominal
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "part"),
+    [
+        ("gravity", -9.81, "gravity"),
+        ("gravity", float("nan"), "gravity"),
+        ("gravity", "9.81", "gravity"),
+        ("bodies.hip.mass", 0.0, "bodies.hip.mass"),
+        ("bodies.torso.inertia_diagonal", [1.0, 0.1, 0.1], "largest moment"),
+        ("joint_limits_LF.HAA", [0.5, -0.4], "lower bound"),
+        ("legs", ["RF", "LF", "LH", "RH"], "legs"),
+        ("loops.velocity_period", 0.6e-3, "whole number"),
+        ("contact.restitution", 1.5, "restitution"),
+        ("unheard_of", 1.0, "unheard_of"),
+    ],
+)
+def test_a_wrong_value_is_named_in_one_sentence(path, value, part):
+    with pytest.raises(ValueError) as caught:
+        robot_numbers(changed(path, value))
+    text = str(caught.value)
+    assert part in text and "\n" not in text and text.endswith(".")
+
+
+def test_a_file_that_is_no_robot_is_refused(tmp_path):
+    for content in (b"{", b"[]", b"\xff\xfe", b"[" * 100_000, b" " * 1_000_001):
+        file = tmp_path / "robot.json"
+        file.write_bytes(content)
+        with pytest.raises(ValueError, match="Robot file") as caught:
+            load_numbers(file)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(ValueError, match="cannot be read"):
+        load_numbers(tmp_path / "absent.json")
