@@ -32,6 +32,7 @@ class StartParams(NamedTuple):
 
     stand: Array  # () s
     blend: Array  # () s, > 0
+    shortest_swing: Array  # () s, a leg with less time than this for a step keeps standing
 
 
 class GaitParams(NamedTuple):
@@ -157,6 +158,9 @@ def _schedule(params, phase, time, period):
     goal = gait.full_pattern(params.gait)
     going = jnp.clip((time - params.start.stand) / params.start.blend, 0.0, 1.0)
     pattern = gait.interpolate(gait.standing(goal), goal, going)
+    swing = (1.0 - gait.duty_factors(pattern)) * pattern.stride_duration
+    stays = swing < params.start.shortest_swing
+    pattern = pattern._replace(lift_off=jnp.where(stays, gait.standing(pattern).lift_off, pattern.lift_off))
     phase = jnp.where(time >= params.start.stand, gait.advance(pattern, phase, period), phase)
     return pattern, phase
 
@@ -167,9 +171,16 @@ def _swing(params, geometry, robot, memory, roles, phases, R_WC, plane, command,
     footholds = desired_footholds(
         params.foothold, geometry, robot, R_WC, plane, command, phases.stance_duration, remaining
     )
-    left = (1.0 - memory.lift_off_phase) * phases.swing_duration
     motion = swing_motion(
-        params.swing, memory.foothold_W, footholds, roles.swing_progress, left, R_WC, plane, roles.clearance
+        params.swing,
+        memory.foothold_W,
+        footholds,
+        phases.swing_phase,
+        roles.swing_progress,
+        phases.swing_duration,
+        R_WC,
+        plane,
+        roles.clearance,
     )
     reflex = (roles.reflex != 0.0)[:, None]
     sought = soles_W + roles.reflex[:, None] * plane.normal_W[None]

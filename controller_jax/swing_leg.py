@@ -15,6 +15,7 @@ from controller_jax.terrain_estimator import Plane
 from controller_jax.types import Array, LegGeometry, RobotState
 
 APEX_PHASE = 0.5  # of the swing: middle knot of the height
+SMALLEST_SHARE = 0.05  # of the swing, against division by zero at its end, where the rates are zero
 SMALLEST_VOLUME = 1e-4  # m^3/rad^3, determinant of a leg's Jacobian; 4e-3 at the straightest allowed knee
 
 
@@ -46,6 +47,7 @@ def swing_motion(
     params: SwingParams,
     lift_off_W: Array,
     foothold_W: Array,
+    phase: Array,
     progress: Array,
     duration: Array,
     R_WC: Array,
@@ -54,7 +56,8 @@ def swing_motion(
 ) -> FootMotion:
     """Feet on their way from lift_off_W to foothold_W (4, 3).
 
-    progress (4,) 0..1 through the swing, duration (4,) of it in s, clearance (4,) m on top of the apex.
+    phase (4,) 0..1 through the planned swing, duration (4,) of it in s; progress (4,) 0..1 from the real lift-off on,
+    which the horizontal motion follows; clearance (4,) m on top of the apex.
     """
     height_now = ((lift_off_W - plane.point_W[None]) * plane.normal_W[None]).sum(-1)
     height_end = ((foothold_W - plane.point_W[None]) * plane.normal_W[None]).sum(-1)
@@ -62,15 +65,18 @@ def swing_motion(
     heading, heading_rate = ease(progress / params.heading_end)
     window = params.lateral_end - params.lateral_start
     lateral, lateral_rate = ease((progress - params.lateral_start) / window)
-    up, up_rate = ease(progress / APEX_PHASE)
-    down, down_rate = ease((progress - APEX_PHASE) / (1.0 - APEX_PHASE))
+    up, up_rate = ease(phase / APEX_PHASE)
+    down, down_rate = ease((phase - APEX_PHASE) / (1.0 - APEX_PHASE))
+    # what is left of the swing at lift-off: progress = 1 - (1 - phase) / left
+    left = (1.0 - phase) / jnp.maximum(1.0 - progress, SMALLEST_SHARE)
+    left = jnp.clip(left, SMALLEST_SHARE, 1.0)
     way_C = mtv(R_WC[None], foothold_W - lift_off_W)
     rise, drop = top - height_now, height_end - top
     moved = jnp.stack([way_C[:, 0] * heading, way_C[:, 1] * lateral, rise * up + drop * down], -1)
     rate = jnp.stack(
         [
-            way_C[:, 0] * heading_rate / params.heading_end,
-            way_C[:, 1] * lateral_rate / window,
+            way_C[:, 0] * heading_rate / (params.heading_end * left),
+            way_C[:, 1] * lateral_rate / (window * left),
             rise * up_rate / APEX_PHASE + drop * down_rate / (1.0 - APEX_PHASE),
         ],
         -1,

@@ -27,6 +27,7 @@ class TorsoParams(NamedTuple):
     phase_shift: Array  # () by which height and pitch run ahead of the contact schedule, share of the stride
     hop: Array  # () share of the ballistic hop in the height, 0..1
     hop_pitch: Array  # () share of the ballistic hop in the pitch, 0..1
+    speed_lead: Array  # (2,) heading, lateral: share by which the desired velocity exceeds the command
     lowest_weight: Array  # () of a swing leg in the mean of the feet
     stance_fade: Array  # () stance phase from which a leg's weight falls
     swing_rise: Array  # () swing phase from which it rises again
@@ -55,7 +56,8 @@ def foot_weights(params: TorsoParams, phases: LegPhases) -> Array:
 def hop(duty: Array, since_touch_down: Array) -> Curve:
     """Periodic height over the phase since touch-down, in units of g T^2, of a body on one leg; any one shape.
 
-    Curvature -1 in swing (free fall); zero mean. The stance carries what the swing falls.
+    Curvature -1 in swing (free fall); zero mean. The stance carries what the swing falls. Zero for a leg that never
+    swings.
     """
     swing = jnp.maximum(1.0 - duty, SHORTEST_SWING)
     duty = 1.0 - swing
@@ -67,7 +69,8 @@ def hop(duty: Array, since_touch_down: Array) -> Curve:
     curve = Curve(*(jnp.where(since_touch_down < duty, s, f) for s, f in zip(stance, flight, strict=True)))
     # mean of the parabola over the swing, and of the quintic, which its end states give, over the stance
     mean = swing**3 / 12.0 - duty**2 * swing / 10.0 - duty**3 / 60.0
-    return curve._replace(value=curve.value - mean)
+    curve = curve._replace(value=curve.value - mean)
+    return Curve(*(jnp.where(swing > SHORTEST_SWING, x, 0.0) for x in curve))
 
 
 def girdle_heights(params: TorsoParams, pattern: GaitPattern, phase: Array, gravity: Array) -> Curve:
@@ -109,7 +112,8 @@ def torso_target(
     rise_rate = (heights.slope[1] - heights.slope[0]) / params.girdle_distance
     pitch, pitch_rate = jnp.arctan(rise), rise_rate / (1.0 + rise * rise)
     zero = jnp.zeros_like(pitch)
-    v_C = jnp.stack([command.heading, command.lateral, zero])
+    lead = 1.0 + params.speed_lead
+    v_C = jnp.stack([lead[0] * command.heading, lead[1] * command.lateral, zero])
     omega_C = jnp.stack([zero, pitch_rate, command.turning])
     return TorsoTarget(
         r_WB=jnp.stack([support[0], support[1], height]),

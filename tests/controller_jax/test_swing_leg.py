@@ -16,7 +16,7 @@ from mjx_starleth.numbers import load_numbers
 
 GEOMETRY = geometry_from_numbers(load_numbers().model_dump(mode="json"))
 TOLERANCE = 2e-6  # m, float32 of half a metre
-DURATION = 0.4
+DURATION, LATE = 0.4, 0.2  # s, and the phase at which the feet really left the ground
 
 
 def params(**changes):
@@ -40,7 +40,9 @@ def on_slope():
 @jax.jit
 def motion_at(p, start, end, phase, R_WC, plane, clearance):
     duration = jnp.full(4, DURATION, jnp.float32)
-    return swing_leg.swing_motion(p, start, end, jnp.full(4, phase), duration, R_WC, plane, clearance)
+    phase = jnp.full(4, phase)
+    progress = (phase - LATE) / (1.0 - LATE)
+    return swing_leg.swing_motion(p, start, end, phase, progress, duration, R_WC, plane, clearance)
 
 
 def trace(p, phases, clearance=0.0):
@@ -61,8 +63,8 @@ def test_each_direction_is_its_hermite_spline():
     for leg in range(4):
         top = max(start[leg, 2], end[leg, 2]) + 0.09
         knots = (
-            ([0, 0.6], [start[leg, 0], end[leg, 0]]),
-            ([0.3, 0.8], [start[leg, 1], end[leg, 1]]),
+            (LATE + (1 - LATE) * np.array([0, 0.6]), [start[leg, 0], end[leg, 0]]),
+            (LATE + (1 - LATE) * np.array([0.3, 0.8]), [start[leg, 1], end[leg, 1]]),
             ([0, 0.5, 1], [start[leg, 2], top, end[leg, 2]]),
         )
         for axis, (x, y) in enumerate(knots):

@@ -19,7 +19,7 @@ FLOAT32 = 2e-5  # relative, over the sums of large kernels
 def params(**changes):
     values = dict(
         height=0.44, once_per_cycle=[0.0, 0.0], twice_per_cycle=[0.0, 0.0], phase_shift=0.0, hop=1.0,
-        hop_pitch=0.0, lowest_weight=0.15, stance_fade=0.7, swing_rise=0.7, girdle_distance=0.505,
+        hop_pitch=0.0, speed_lead=[0.0, 0.0], lowest_weight=0.15, stance_fade=0.7, swing_rise=0.7, girdle_distance=0.505,
     ) | changes  # fmt: skip
     return torso.TorsoParams(**{k: jnp.asarray(v, jnp.float32) for k, v in values.items()})
 
@@ -89,6 +89,11 @@ def test_hop_is_free_fall_in_swing_and_the_rest_is_smooth(duty):
     assert abs(curve.value.mean()) < 1e-5
     push = (curve.curvature + 1.0).mean()
     assert push == pytest.approx(1.0, abs=2e-3)  # the stance carries the weight of the whole stride
+
+
+def test_a_leg_that_never_swings_does_not_hop():
+    curve = torso.hop(jnp.ones(5), jnp.linspace(0.0, 0.9, 5))
+    assert all(np.all(np.asarray(part) == 0.0) for part in curve)
 
 
 def test_running_trot_has_the_published_flight():
@@ -169,8 +174,8 @@ def test_slope_tilts_the_torso_and_height_counts_along_gravity():
     R_WC = np.column_stack([[np.cos(slope), 0, np.sin(slope)], [0, 1, 0], normal])
     feet = FEET @ R_WC.T
     plane = Plane(jnp.asarray(normal, jnp.float32), jnp.zeros(3))
-    t = target(params(hop=0.0), TROT, 0.1, feet, plane, (0.1, 0, 0.5), (0.4, 0.1, 0.2), R_WC)
+    t = target(params(hop=0.0, speed_lead=[0.4, 0.0]), TROT, 0.1, feet, plane, (0.1, 0, 0.5), (0.4, 0.1, 0.2), R_WC)
     np.testing.assert_allclose(t.R_WB, R_WC, atol=1e-5)
     assert float(t.r_WB[2]) == pytest.approx(0.44 + 0.1 * np.tan(slope), abs=1e-5)
-    np.testing.assert_allclose(t.v_WB, R_WC @ [0.4, 0.1, 0], atol=1e-5)
+    np.testing.assert_allclose(t.v_WB, R_WC @ [0.4 * 1.4, 0.1, 0], atol=1e-5)
     np.testing.assert_allclose(t.omega_W, 0.2 * normal, atol=1e-5)
