@@ -39,7 +39,11 @@ def ideal_drive(
 
     position_mode = command.position_mode > 0.5
     asked = jnp.where(position_mode, holding, command.torque)
-    torque = jnp.clip(asked, params.torque_min, params.torque_max)
+    # the end stop of a one-sided spring lets the motor pull the other way, which only position control makes use of
+    most = jnp.maximum(-params.torque_min, params.torque_max)
+    lower = jnp.where(position_mode, -most, params.torque_min)
+    upper = jnp.where(position_mode, most, params.torque_max)
+    torque = jnp.clip(asked, lower, upper)
     free = position_mode & (asked == torque)
     turn = time * (motion.velocity + 0.5 * time * motion.acceleration)
     velocity = motion.velocity + time * motion.acceleration
