@@ -2,10 +2,10 @@
 
 import typer
 
-from experiments.cli import bench, measuring, replay, tune
+from experiments.cli import bench, collect, measuring, replay, sweep, tune
 
 
 def register(app: typer.Typer) -> None:
     """Add every subcommand to the command line."""
-    for module in (tune, replay, measuring, bench):
+    for module in (tune, replay, measuring, bench, sweep, collect):
         module.register(app)

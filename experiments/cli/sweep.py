@@ -1,0 +1,174 @@
+"""`starleth sweep`: many independent searches, on this machine or a cluster, resumable."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from experiments.cli.options import EffectsOption, available_cores
+from experiments.cli.signals import terminate_as_interrupt
+from experiments.errors import UserError
+
+HELP = """Many independent searches: tasks x models x seeds, each a `starleth tune` of its own.
+
+The same command again, or `starleth sweep FOLDER`, goes on with a sweep: finished members are not run again, killed
+ones continue from their checkpoints. A member that fails is tried once more, then named; the exit code is 0 only when
+all members are finished. `starleth collect FOLDER` puts the results side by side.
+
+    starleth sweep --task squat_jump --seeds 0-7 --output runs/seeds
+    starleth sweep sweep.json --output runs/models --workers 4
+    starleth sweep sweep.json --output runs/models --executor submitit --workers 64     (pip install 'starleth[slurm]')
+    starleth sweep sweep.json --output runs/models --executor dask --scheduler tcp://head:8786
+    starleth sweep sweep.json --output runs/models --script | sbatch
+
+A sweep file: {"tasks": ["squat_jump"], "seeds": "0-7", "models": ["nominal", "learned.json"], "generations": 100}
+"""
+FAILED, INTERRUPTED = 1, 130
+
+
+def register(app: typer.Typer) -> None:
+    app.command("sweep", help=HELP)(command)
+
+
+def command(
+    source: Annotated[
+        Path | None, typer.Argument(help="A sweep file (.json), or a sweep's folder to go on with.")
+    ] = None,
+    task: Annotated[list[str] | None, typer.Option(help="A task by name or file; may be repeated.")] = None,
+    seeds: Annotated[str, typer.Option(help="Seeds: 0-7 or 1,4,9-12.")] = "0",
+    model: Annotated[list[str] | None, typer.Option(help="A model file, or nominal; may be repeated.")] = None,
+    drive: Annotated[str, typer.Option(help="full, cheap or ideal, as for tune.")] = "full",
+    generations: Annotated[int | None, typer.Option(min=1, help="Generations of each search.")] = None,
+    population: Annotated[int | None, typer.Option(min=4, help="Candidates per generation.")] = None,
+    perturbations: Annotated[Path | None, typer.Option(help="Perturbation file of the judging trials.")] = None,
+    effects: EffectsOption = None,
+    executor: Annotated[str, typer.Option(help="local (processes), submitit (SLURM) or dask.")] = "local",
+    workers: Annotated[int | None, typer.Option(min=1, max=10_000, help="Members at a time.")] = None,
+    devices: Annotated[int, typer.Option(min=1, max=1024, help="Cores of each member.")] = 1,
+    scheduler: Annotated[str | None, typer.Option(help="Address of the Dask scheduler; else a local one.")] = None,
+    cluster: Annotated[str | None, typer.Option(help="submitit's cluster: slurm or local; else what is there.")] = None,
+    hours: Annotated[float, typer.Option(min=0.02, max=10_000, help="Time limit of a SLURM job.")] = 24.0,
+    script: Annotated[bool, typer.Option("--script", help="Print a script for sbatch and run nothing.")] = False,
+    only: Annotated[int | None, typer.Option(min=0, help="Run one member by its number, as --script does.")] = None,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the sweep.")] = None,
+) -> None:
+    from experiments.sweep_executors import EXECUTORS, Place
+    from experiments.sweep_run import Extra, prepare, settings_of, sweep_in
+
+    if executor not in EXECUTORS:
+        raise UserError(f"No executor '{executor}'; choose one of {', '.join(EXECUTORS)}.")
+    if source is not None and source.is_dir():
+        folder, sweep = source, sweep_in(source)
+        if task or model or output:
+            raise UserError(f"{source} is a sweep already; leave --task, --model and --output away to go on with it.")
+    else:
+        folder = output
+        sweep = _new_sweep(source, task, seeds, model, drive, generations, population, perturbations)
+    if folder is None:
+        raise UserError("Where shall the sweep be written? Give a folder with --output.")
+    extra = Extra(devices, tuple(effects or ()))
+    if only is not None:
+        raise typer.Exit(_run_one(folder, sweep, extra, only))
+    workers = workers or max(1, available_cores() // devices)
+    place = Place(executor, workers, devices, scheduler, cluster, hours)  # type: ignore[arg-type]
+    from experiments.run_folder import open_run
+
+    with open_run(folder, "sweep", settings_of(sweep)) as run:
+        prepare(folder)
+        if script:
+            from experiments.sweep_run import array_script
+
+            print(array_script(folder, sweep, extra, hours), end="")
+            return
+        if not _run(folder, sweep, extra, place):
+            raise typer.Exit(FAILED)
+        run.mark_finished()
+
+
+def _new_sweep(source, task, seeds, model, drive, generations, population, perturbations):
+    from experiments.sweep import NOMINAL, load_sweep, parse_sweep
+
+    if source is not None:
+        if task or model:
+            raise UserError("Give either a sweep file or --task and --model, not both.")
+        return load_sweep(source)
+    if not task:
+        raise UserError("Nothing to sweep: give a sweep file, a sweep's folder, or --task.")
+    content = {
+        "tasks": task,
+        "models": model or [NOMINAL],
+        "seeds": seeds,
+        "drive": drive,
+        "generations": generations,
+        "population": population,
+        "perturbations": None if perturbations is None else str(perturbations),
+    }
+    return parse_sweep(content, "the sweep").located(Path.cwd())
+
+
+def _run(folder: Path, sweep, extra, place) -> bool:
+    """All members; True when all are finished."""
+    from experiments.sweep_executors import open_executor
+    from experiments.sweep_run import run_all, unfinished
+
+    members = sweep.members()
+    todo, damaged = unfinished(folder, members)
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    failed: dict[str, str] = {}
+    with Progress(*columns, console=console) as bar:
+
+        def say(text: str) -> None:
+            console.print(text, highlight=False, soft_wrap=True, markup=False)
+
+        drawn = bar.add_task("members", total=len(members), completed=len(members) - len(todo) - len(damaged))
+        if len(todo) < len(members):
+            say(f"{len(members) - len(todo) - len(damaged)} of {len(members)} members are finished already.")
+
+        def tell(outcome, final: bool) -> None:
+            if outcome.exit_code == 0:
+                bar.advance(drawn)
+            else:
+                say(f"{outcome.name}: {outcome.sentence}{'' if final else ' (trying once more)'}")
+            if not console.is_terminal and outcome.exit_code == 0:
+                say(f"{outcome.name}: finished after {outcome.seconds:.0f} s")
+
+        terminate_as_interrupt()
+        try:
+            if todo:
+                with open_executor(place, folder) as executor:
+                    failed = run_all(folder, sweep, todo, extra, executor, tell)
+        except KeyboardInterrupt:
+            say(f"Interrupted; `starleth sweep {folder}` goes on.")
+            raise typer.Exit(INTERRUPTED) from None
+        for name, why in (damaged | failed).items():
+            say(f"failed: {name}: {why}")
+        done = len(members) - len(damaged) - len(failed)
+        say(f"{done} of {len(members)} members are finished; `starleth collect {folder}` compares them.")
+    return not failed and not damaged
+
+
+def _run_one(folder: Path, sweep, extra, number: int) -> int:
+    """One member, as a task of a SLURM array; its exit code."""
+    from experiments.sweep_member import result_of, run_member
+    from experiments.sweep_run import job_of, prepare, sweep_in
+
+    if sweep_in(folder) != sweep.model_copy(update={"about": ""}):
+        raise UserError(f"{folder} holds another sweep; run its members with `starleth sweep {folder} --only N`.")
+    members = sweep.members()
+    if number >= len(members):
+        raise UserError(f"No member {number}; the sweep has the members 0 to {len(members) - 1}.")
+    prepare(folder)
+    if result_of(folder, members[number].name) is not None:
+        typer.echo(f"{members[number].name} is finished already.", err=True)
+        return 0
+    terminate_as_interrupt()
+    try:
+        outcome = run_member(job_of(folder, sweep, members[number], extra))
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    if outcome.exit_code:
+        typer.echo(f"{outcome.name}: {outcome.sentence}", err=True)
+    return FAILED if outcome.exit_code < 0 else outcome.exit_code
