@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
+from experiments.effects.bench import bench_effects
 from experiments.effects.effect import Effect
 from experiments.effects.library import LIBRARY, find_effect
 from experiments.effects.places import mask
@@ -118,6 +119,8 @@ def load_model(path: Path | None, effects: dict[str, Effect] = LIBRARY) -> Model
         raise UserError(
             f"{path}: a model holds either 'numbers' (starleth) or 'joint' (a single joint on a bench)."
         )
+    if model.joint is not None:
+        effects = bench_effects(effects, model.joint.kind == "prismatic")
     for placed in model.effects:
         _check_effect(placed, find_effect(placed.effect, effects), model.joint_names, path)
     return model

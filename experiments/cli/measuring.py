@@ -56,6 +56,7 @@ def compare_command(
 
     robot, library = _model(model, effects)
     taken = read_checked(log, columns, robot)
+    robot, library = _on_bench(taken, robot, library)
     found = compare(taken, robot, library)
     answer = found.answer()
     if output is not None:
@@ -85,6 +86,7 @@ def diagnose_command(
         _write(output, "diagnosis.json", answer)
         print(json.dumps(answer))
         return
+    robot, library = _on_bench(taken[0], robot, library)
     found = diagnose(taken, robot, library, _say)
     _write(output, "diagnosis.json", found.answer)
     write_diagnosis_report(output / "report.html", found)
@@ -108,6 +110,7 @@ def learn_command(
 
     robot, library = _model(model, effects)
     taken = [read_checked(log, columns, robot) for log in logs]
+    robot, library = _on_bench(taken[0], robot, library)
     wanted = [parse_place(text, library, taken[0].joint_names) for text in effect]
     learned, _, _ = learn(taken, robot, library, wanted, nominal)
     save_model(output, learned)
@@ -120,6 +123,17 @@ def _model(model: Path | None, effects: list[Path] | None):
 
     library = load_effects(effects or ())
     return load_model(model, library), library
+
+
+def _on_bench(log, model, library):
+    """Model and effects for a log: a joint on a bench brings its own numbers, and shows fewer effects."""
+    from experiments.effects.bench import GRAVITY_LOAD
+    from experiments.measurement.gather import model_for
+
+    model = model_for(log, model)
+    if model.joint is not None:
+        library = dict(library) | {GRAVITY_LOAD.name: GRAVITY_LOAD}
+    return model, library
 
 
 def _write(folder: Path, name: str, answer: dict) -> None:

@@ -31,6 +31,11 @@ def _direction(p, friction, _):
     return friction._replace(smooth=friction.smooth + p.torque)
 
 
+def _direction_viscous(p, friction, s):
+    # (c1 + b sgn w) w = c1 w + b |w|
+    return friction._replace(smooth=friction.smooth + p.coefficient * jnp.abs(s.motor_velocity))
+
+
 EFFECTS = (
     Effect(
         "coulomb_friction",
@@ -83,5 +88,13 @@ EFFECTS = (
         "joint",
         (Parameter("torque", "N m at the rotor", -0.1, 0.1, 0.003),),
         {"friction": _direction},
+    ),
+    Effect(
+        "direction_dependent_viscous_friction",
+        "friction grows with speed differently in the two directions of motion",
+        "drive",
+        "joint",
+        (Parameter("coefficient", "N m at the rotor per rad/s at the gear output", -0.05, 0.05, 2e-3),),
+        {"friction": _direction_viscous},
     ),
 )

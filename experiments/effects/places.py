@@ -14,7 +14,7 @@ def places_of(axis: Axis, joint_names: tuple[str, ...] = JOINT_NAMES) -> tuple[s
         return ("feet", *LEGS)
     if joint_names == JOINT_NAMES:
         return ("all", *JOINTS, *LEGS, *JOINT_NAMES)
-    return ("all", *joint_names) if len(joint_names) > 1 else ("all",)
+    return ("all", *joint_names) if len(joint_names) > 1 else joint_names
 
 
 def mask(where: str, axis: Axis, joint_names: tuple[str, ...] = JOINT_NAMES) -> np.ndarray:

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 
 from experiments.effects.effect import Effect
-from experiments.measurement.evidence import BODY_CHANNELS, DRIVE_CHANNELS, Evidence, gather
+from experiments.measurement.evidence import BODY_CHANNELS, DRIVE_CHANNELS, Evidence
+from experiments.measurement.gather import gather
+from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.log import Log
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.refit import Refitted, refit
@@ -17,6 +19,7 @@ from experiments.model import Model
 STILL, FAST = 0.05, 1.0  # rad/s of the joint
 LOADED = 0.5  # of the largest torque of the joint
 REVERSAL = 0.05  # s around a change of the joint's direction
+FEW = 20  # rows: a regime with fewer is not judged
 WHITE_LAG = 10  # rows over which the residual's autocorrelation is judged
 REGIMES = ("still", "slow", "fast", "loaded", "reversing", "position mode", "torque mode")
 
@@ -36,7 +39,7 @@ class Channel:
 class Comparison:
     """A log against a model."""
 
-    log: Evidence
+    log: Evidence | JointEvidence
     fit: Refitted
     misfit: Misfit
     channels: tuple[Channel, ...]
@@ -82,6 +85,8 @@ def compare(log: Log, model: Model, library: Mapping[str, Effect]) -> Comparison
     evidence = gather(log, model, used or dict(library), noise_of(log))
     fit = refit([evidence], (), (), iterations=3)
     found = misfit(evidence, fit, 0)
+    if isinstance(evidence, JointEvidence):
+        return Comparison(evidence, fit, found, (_effort_channel(evidence, fit),), _joint_regimes(evidence, fit))
     channels = (*_drive_channels(evidence, fit), *_body_channels(evidence, found, fit))
     return Comparison(evidence, fit, found, channels, _regimes(evidence, fit))
 
@@ -111,6 +116,14 @@ def _body_channels(log: Evidence, found: Misfit, fit: Refitted) -> list[Channel]
     ]
 
 
+def _effort_channel(log: JointEvidence, fit: Refitted) -> Channel:
+    over = log.residual([fit.points[0]])[0]
+    over = over[log.used > 0]
+    size = float(np.sqrt((over**2).mean()))
+    percent = log.fit_percent(fit.points[0])
+    return Channel(f"applied_torque/{log.atoms.joint_names[0]}", size * log.floor, size, percent, whiteness(over))
+
+
 def whiteness(residual: np.ndarray) -> float:
     """RMS autocorrelation over the first lags, relative to that of white noise: about 1 if white."""
     x = residual - residual.mean()
@@ -125,27 +138,38 @@ def _regimes(log: Evidence, fit: Refitted) -> np.ndarray | None:
     if log.drive is None:
         return None
     r = np.sqrt((log.drive_residual([fit.points[0]])[0] ** 2).mean(2))
-    d = log.drive.log
-    rows = log.drive.rows
-    v, tau, mode = d.joint_velocity[:rows], d.joint_torque[:rows], d.position_mode[:rows]
+    d, rows = log.drive.log, log.drive.rows
+    motion = _motion_regimes(d.joint_velocity[:rows], d.joint_torque[:rows], log.period, 1.0)
+    mode = d.position_mode[:rows]
+    return _by_regime(r, (*motion, mode > 0.5, mode < 0.5))
+
+
+def _joint_regimes(log: JointEvidence, fit: Refitted) -> np.ndarray:
+    """The same for a rigid joint, its speeds counted from its own largest one; it has no modes."""
+    r = np.abs(log.residual([fit.points[0]]))
+    v = log.filter.thinned(log.log.velocity[None])
+    never = np.zeros_like(r.T, bool)
+    unit = float(np.abs(v).max()) / (2.0 * FAST)
+    motion = _motion_regimes(v.T, log.measured()[:, None], log.period * log.filter.stride, unit)
+    return _by_regime(r.T, (*motion, never, never))
+
+
+def _motion_regimes(v: np.ndarray, tau: np.ndarray, period: float, unit: float) -> tuple[np.ndarray, ...]:
+    """Masks (T, J): still, slow, fast, loaded, reversing; thresholds of speed in units of `unit`."""
     turning = np.zeros_like(v, bool)
-    moving = np.sign(np.where(np.abs(v) > STILL, v, 0.0))
+    speed = np.abs(v) / unit
+    moving = np.sign(np.where(speed > STILL, v, 0.0))
     turning[1:] = moving[1:] * moving[:-1] < 0
-    reach = round(REVERSAL / log.period)
-    kernel = np.ones(2 * reach + 1)
+    kernel = np.ones(2 * max(round(REVERSAL / period), 1) + 1)
     turning = np.stack([np.convolve(column, kernel, "same") > 0 for column in turning.T.astype(float)], 1)
-    speed = np.abs(v)
-    masks = (
-        speed < STILL,
-        (speed >= STILL) & (speed < FAST),
-        speed >= FAST,
-        np.abs(tau) > LOADED * np.abs(tau).max(0),
-        turning,
-        mode > 0.5,
-        mode < 0.5,
-    )
+    loaded = np.abs(tau) > LOADED * np.abs(tau).max(0)
+    return speed < STILL, (speed >= STILL) & (speed < FAST), speed >= FAST, loaded, turning
+
+
+def _by_regime(r: np.ndarray, masks: tuple[np.ndarray, ...]) -> np.ndarray:
+    """RMS of r (T, J) on each mask: (J, masks), NaN where it has hardly a row."""
     table = np.full((r.shape[1], len(masks)), np.nan)
     for k, chosen in enumerate(masks):
         count = chosen.sum(0)
-        table[:, k] = np.where(count > 20, np.sqrt((r**2 * chosen).sum(0) / np.maximum(count, 1)), np.nan)
+        table[:, k] = np.where(count > FEW, np.sqrt((r**2 * chosen).sum(0) / np.maximum(count, 1)), np.nan)
     return table

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from experiments.effects.effect import Effect
-from experiments.measurement.evidence import Evidence, gather
+from experiments.measurement.evidence import Evidence
+from experiments.measurement.gather import gather
 from experiments.measurement.log import Log
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.refit import Nominal, Placed
@@ -16,11 +17,12 @@ from experiments.measurement.verdict import (
     decide,
     effect_entries,
     excess,
+    fit_percents,
     misfit,
     ranking_entries,
     unexplained,
 )
-from experiments.model import Model
+from experiments.model import JointNumbers, Model
 
 WIDE = 0.06  # relative standard deviation of the numbers of a robot that is not quite its data sheet
 WELL_EXPLAINED = 0.02  # excess of chi^2 per residual at which the nominal numbers need no second look
@@ -51,7 +53,7 @@ def diagnose(logs: Sequence[Log], model: Model, library: Mapping[str, Effect], s
         if _better(evidence, freed, selection):
             selection = freed
     verdict, effects = decide(evidence, selection)
-    before = tuple(misfit(log, selection.ladder[0][1], i) for i, log in enumerate(evidence))
+    before = tuple(misfit(log, selection.ladder[0].fit, i) for i, log in enumerate(evidence))
     after = tuple(misfit(log, selection.fit, i) for i, log in enumerate(evidence))
     text = in_words(verdict, effects, selection, evidence)
     return Diagnosis(
@@ -61,6 +63,8 @@ def diagnose(logs: Sequence[Log], model: Model, library: Mapping[str, Effect], s
 
 def nominal_freedom(model: Model) -> tuple[Nominal, ...]:
     """Nominal numbers that may be off, each robot-wide or by kind of joint, as its numbers are given."""
+    if model.joint is not None:
+        return joint_freedom(model.joint)
     n = model.numbers
     drive = n.drive
     springs = [Nominal("spring_stiffness", kind, "relative", WIDE) for kind in ("HAA", "HFE", "KFE")]
@@ -81,6 +85,16 @@ def nominal_freedom(model: Model) -> tuple[Nominal, ...]:
     )
 
 
+def joint_freedom(joint: JointNumbers) -> tuple[Nominal, ...]:
+    """The same for a single joint on a bench."""
+    found = [Nominal("motor_inertia", joint.name, "relative", WIDE)]
+    if joint.viscous_friction > 0:
+        found.append(Nominal("viscous_friction", joint.name, "coefficient", WIDE * joint.viscous_friction))
+    if joint.gravity_load != 0:
+        found.append(Nominal("gravity_load", joint.name, "torque", WIDE * abs(joint.gravity_load)))
+    return tuple(found)
+
+
 def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bool:
     """Whether freeing the nominal numbers explains more with no more effects."""
     if len(freed.fit.effects) > len(strict.fit.effects):
@@ -96,7 +110,7 @@ def in_words(verdict: Verdict, effects: Sequence[Placed], selection: Selection, 
     return {
         "none": "The model explains the log down to the sensors' noise: no effect is missing.",
         "explained": f"The model lacks {named}; with it the log is explained down to the noise.",
-        "partly_explained": f"The model lacks {named}; {left:.0%} of the misfit remains, and no known effect explains it.",
+        "partly_explained": f"The model lacks {named}; {left:.1%} of the misfit remains, and no known effect explains it.",
         "not_identifiable": f"The model lacks {named}, or {', or '.join(ties)}: this motion cannot tell them apart.",
         "unknown": "Something is missing that no effect of the library explains.",
         "data_fault": "The log itself is faulty.",
@@ -105,6 +119,7 @@ def in_words(verdict: Verdict, effects: Sequence[Placed], selection: Selection, 
 
 def _answer(verdict, effects, selection: Selection, logs, text: str) -> dict[str, Any]:
     units = {(e.name, p.name): p.unit for e in logs[0].atoms.effects for p in e.parameters}
+    fits = fit_percents(selection, logs)
     return {
         "verdict": verdict,
         "text": text,
@@ -113,4 +128,5 @@ def _answer(verdict, effects, selection: Selection, logs, text: str) -> dict[str
         "next_experiment": "",
         "unexplained_fraction": round(unexplained(logs, selection), 4),
         "ranking": ranking_entries(selection),
+        **({"fit_percent": fits} if fits else {}),
     }

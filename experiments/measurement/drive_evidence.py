@@ -13,7 +13,7 @@ from experiments.measurement.drive_log import DriveLog
 from experiments.measurement.drive_replay import CHANNELS, DriveReplay, measured, true_motion
 from sea_jax import DriveParams, JointMotion, LoopPeriods
 
-LANES = 32  # sets of numbers per call of the compiled replay
+LANES = (32, 8, 2)  # sets of numbers per call: one compiled replay for each, so that few sets do not cost as many
 PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
 SETTLE = 0.05  # s at the start of a log, in which the loops forget what was before it
 FLOOR_DRAWS = 3  # re-noised link motions from which the replay's own noise is estimated
@@ -72,15 +72,16 @@ def drive_evidence(
 def predict(
     replay: DriveReplay, atoms: Atoms, log: DriveLog, motion: JointMotion, xs: np.ndarray, shifts: np.ndarray
 ) -> np.ndarray:
-    """Predictions (H, T, J, 3), LANES at a time through one compiled program."""
-    wanted = len(xs)
-    count = -(-wanted // LANES) * LANES
-    xs, shifts = (np.concatenate([a, np.repeat(a[-1:], count - len(a), 0)]).astype(np.float32) for a in (xs, shifts))
-    parts = [
-        np.asarray(_lanes(replay, atoms, log, motion, xs[i : i + LANES], shifts[i : i + LANES]))
-        for i in range(0, count, LANES)
-    ]
-    return np.concatenate(parts)[:wanted]
+    """Predictions (H, T, J, 3) through the compiled programs."""
+    parts, done = [], 0
+    while done < len(xs):
+        left = len(xs) - done
+        lanes = next((n for n in LANES if n <= left), LANES[-1])
+        here = np.minimum(np.arange(done, done + lanes), len(xs) - 1)
+        part = _lanes(replay, atoms, log, motion, xs[here].astype(np.float32), shifts[here].astype(np.float32))
+        parts.append(np.asarray(part)[: min(lanes, left)])
+        done += lanes
+    return np.concatenate(parts)
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -1,25 +1,17 @@
 """All that one log says about the plant: the parts that it measures, in one currency, residual over noise."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from experiments.effects.effect import Effect
-from experiments.errors import UserError
 from experiments.measurement.atoms import Atoms
-from experiments.measurement.body_evidence import BODY_HOOKS, KIND, MODEL_ERROR, BodyEvidence, body_evidence
+from experiments.measurement.body_evidence import BODY_HOOKS, KIND, MODEL_ERROR, BodyEvidence
 from experiments.measurement.body_evidence import CHANNELS as BODY_CHANNELS
 from experiments.measurement.body_replay import DECIMATION, filter_window
-from experiments.measurement.drive_evidence import DRIVE_HOOKS, DriveEvidence, drive_evidence
-from experiments.measurement.drive_log import drive_log, has_drives
+from experiments.measurement.drive_evidence import DRIVE_HOOKS, DriveEvidence
 from experiments.measurement.drive_replay import CHANNELS as DRIVE_CHANNELS
 from experiments.measurement.features import Change, Products
-from experiments.measurement.log import Log
-from experiments.model import Model
-from mjx_starleth.bodies import make_bodies
-from sea_jax import params_from_numbers, periods_from_numbers
 
 BLOCK = 0.5  # s: long against the residuals' correlation, short enough for many blocks in a log
 SHIFT_STEP = 1e-4  # rad
@@ -78,10 +70,10 @@ class Evidence:
         total = np.zeros((len(points), self.blocks))
         if self.drive is not None:
             r = self.drive_residual(points)
-            total += _sum_blocks((r**2).sum((2, 3)), self.block_of_drive(), self.blocks)
+            total += sum_blocks((r**2).sum((2, 3)), self.block_of_drive(), self.blocks)
         if self.body is not None:
             r = self.body_residual(points) / np.sqrt(self.body.tau)
-            total += _sum_blocks((r**2).sum(2), self.block_of_body(), self.blocks)
+            total += sum_blocks((r**2).sum(2), self.block_of_body(), self.blocks)
         return total
 
     def weight(self) -> np.ndarray:
@@ -89,9 +81,9 @@ class Evidence:
         total = np.zeros(self.blocks)
         if self.drive is not None:
             ones = np.full(self.drive.rows, 3.0 * len(self.atoms.joint_names))
-            total += _sum_blocks(ones[None], self.block_of_drive(), self.blocks)[0]
+            total += sum_blocks(ones[None], self.block_of_drive(), self.blocks)[0]
         if self.body is not None:
-            total += _sum_blocks((self.body.used / self.body.tau).sum(1)[None], self.block_of_body(), self.blocks)[0]
+            total += sum_blocks((self.body.used / self.body.tau).sum(1)[None], self.block_of_body(), self.blocks)[0]
         return total
 
     def products(self, at: Point, changes: list[Change]) -> Products:
@@ -122,12 +114,12 @@ class Evidence:
             own = np.eye(joints)[:, None, :, None] * shift[None]
             columns = np.concatenate([r[1:-1] - r[:1], own, r[:1]])
             index = np.r_[0 : k + joints, gram.shape[1] - 1]
-            _add_products(gram, columns, index, self.block_of_drive())
+            add_products(gram, columns, index, self.block_of_drive())
         if self.body is not None:
             r = self.body_residual(moved) / np.sqrt(self.body.tau)
             columns = np.concatenate([r[1:] - r[:1], self._offset_columns(), r[:1]])
             index = np.r_[0:k, k + joints : gram.shape[1]]
-            _add_products(gram, columns, index, self.block_of_body())
+            add_products(gram, columns, index, self.block_of_body())
         return gram
 
     def nuisances(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -152,7 +144,7 @@ class Evidence:
     def _drive_products(self, gram, at: Point, changes, start, shift0) -> None:
         at = at._replace(shift=np.zeros_like(at.shift))  # where the priors of the nuisances have their centre
         points = [at, at._replace(shift=at.shift + SHIFT_STEP)]
-        points += [at._replace(x=self._changed(at.x, change)) for change in changes]
+        points += [at._replace(x=changed(self.atoms, at.x, change)) for change in changes]
         r = self.drive_residual(points)
         joints = r.shape[2]
         columns = np.concatenate([r[2:] - r[:1], (r[1:2] - r[:1]) * (SHIFT_PRIOR / SHIFT_STEP), r[:1]])
@@ -176,60 +168,43 @@ class Evidence:
             if not BODY_HOOKS & set(change.effect.equations):
                 continue
             for i in range(size):
-                points.append(at._replace(x=self._changed(at.x, change, i)))
+                points.append(at._replace(x=changed(self.atoms, at.x, change, i)))
                 index.append(first + i)
         r = self.body_residual(points) / np.sqrt(self.body.tau)
         columns = np.concatenate([r[1:] - r[:1], self._offset_columns(), r[:1]])
         index = np.array([*index, *range(offset0, gram.shape[1])])
-        _add_products(gram, columns, index, self.block_of_body())
-
-    def _changed(self, x: np.ndarray, change: Change, place: int | None = None) -> np.ndarray:
-        """x with a change added: strengths move by it, shapes are set, at every place of its axis or at one."""
-        x = x.copy()
-        values = change.values()
-        for column in self.atoms.of(change.effect.name):
-            if column.parameter.name in values:
-                here = slice(column.start, column.start + column.size)
-                here = here if place is None else column.start + place
-                moved = x[here] + values[column.parameter.name]
-                x[here] = moved if column.parameter.name == change.strength else values[column.parameter.name]
-        return x
+        add_products(gram, columns, index, self.block_of_body())
 
     def _on_drives(self, change: Change) -> bool:
         return bool(DRIVE_HOOKS & set(change.effect.equations))
 
 
-def _add_products(gram: np.ndarray, columns: np.ndarray, index: np.ndarray, block: np.ndarray) -> None:
+def changed(atoms: Atoms, x: np.ndarray, change: Change, place: int | None = None) -> np.ndarray:
+    """x with a change added: strengths move by it, shapes are set, at every place of its axis or at one."""
+    x = x.copy()
+    values = change.values()
+    for column in atoms.of(change.effect.name):
+        if column.parameter.name in values:
+            here = slice(column.start, column.start + column.size)
+            here = here if place is None else column.start + place
+            moved = x[here] + values[column.parameter.name]
+            x[here] = moved if column.parameter.name == change.strength else values[column.parameter.name]
+    return x
+
+
+def add_products(gram: np.ndarray, columns: np.ndarray, index: np.ndarray, block: np.ndarray) -> None:
     """Add the inner products of columns (k, rows, …) to gram (blocks, c, c) at these indices, block by block."""
     for b in range(len(gram)):
         m = columns[:, block == b].reshape(len(columns), -1).astype(float)
         gram[b][np.ix_(index, index)] += m @ m.T
 
 
-def _sum_blocks(rows: np.ndarray, block: np.ndarray, blocks: int) -> np.ndarray:
+def sum_blocks(rows: np.ndarray, block: np.ndarray, blocks: int) -> np.ndarray:
+    """Sums of rows (H, T) over each block: (H, blocks)."""
     total = np.zeros((len(rows), blocks))
     for lane, row in enumerate(rows):
         total[lane] = np.bincount(block, row, minlength=blocks)
     return total
 
 
-def gather(log: Log, model: Model, effects: Mapping[str, Effect], noise: Mapping[str, float]) -> Evidence:
-    """Everything that a log of the robot says; the model's own effects are among `effects`. Raises UserError."""
-    if model.numbers is None:
-        raise UserError(f"{log.name} is a log of the robot, but the model is a single joint.")
-    numbers = model.numbers.model_dump(mode="json")
-    atoms = Atoms(tuple(effects.values()), log.joint_names)
-    blocks = max(int(log.rows * log.sample_period / BLOCK), 1)
-    drive = body = None
-    if has_drives(log):
-        params, periods = params_from_numbers(numbers), periods_from_numbers(numbers)
-        drive = drive_evidence(atoms, params, periods, drive_log(log), log.sample_period, noise)
-    if log.joints("joint_torque") is not None:
-        bodies = make_bodies(model.numbers)
-        body = body_evidence(atoms, bodies, bodies.params, log, noise)
-    if drive is None and body is None:
-        raise UserError(f"{log.name} shows neither drives (commands and motor positions) nor joint torques: log them.")
-    return Evidence(log.name, atoms, drive, body, blocks, log.sample_period, atoms.placed(atoms.off(), model.effects))
-
-
-__all__ = ["BODY_CHANNELS", "DRIVE_CHANNELS", "Evidence", "Point", "gather"]
+__all__ = ["BODY_CHANNELS", "DRIVE_CHANNELS", "Evidence", "Point"]

@@ -10,8 +10,9 @@ from experiments.effects.library import find_effect
 from experiments.effects.places import mask
 from experiments.errors import UserError
 from experiments.measurement.diagnose import nominal_freedom
-from experiments.measurement.evidence import Evidence, gather
+from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
+from experiments.measurement.gather import gather
 from experiments.measurement.log import Log
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.refit import Placed, Refitted, refit
@@ -25,6 +26,8 @@ def parse_place(text: str, library: Mapping[str, Effect], joint_names: Sequence[
     name, _, where = text.partition("@")
     effect = find_effect(name, dict(library))
     where = where or {"torso": "torso", "foot": "feet"}.get(effect.axis, "all")
+    if where == "all" and len(joint_names) == 1:
+        where = joint_names[0]
     try:
         mask(where, effect.axis, tuple(joint_names))
     except ValueError as error:
@@ -57,7 +60,7 @@ def learn(
         "effects": [f"{p.effect}@{p.where}" for p in fit.effects],
         "worst_error_over_noise": [round(misfit(e, fit, i).worst, 3) for i, e in enumerate(evidence)],
     }
-    for placed, values in _fitted(fit, library):
+    for placed, values in _fitted(fit, {e.name: e for e in evidence[0].atoms.effects}):
         model = model.with_effect(PlacedEffect(effect=placed.effect, where=placed.where, parameters=values))
     for n, value in zip(freedom, fit.nominal, strict=True):
         if abs(value) > 0.2 * n.deviation:

@@ -15,6 +15,7 @@ from experiments.measurement.evidence import Evidence, Point
 ITERATIONS = 8
 ENOUGH = 2.0  # fall of chi^2 below which the fit has ended: a parameter is then within its interval
 STEP_LENGTHS = (1.0, 0.4, 0.1)
+FARTHEST = 2.0  # deviations that a nominal number may be off by: beyond them it is an effect and has to prove itself
 DIFFERENCE = 0.01  # of a parameter's start: the step of the difference quotients
 
 
@@ -199,7 +200,9 @@ def _covariance(hessian: np.ndarray, gradients: Sequence[np.ndarray]) -> np.ndar
     count = max(int((np.abs(blocks).sum(1) > 0).sum()), 1)
     scatter = blocks.T @ blocks * count / max(count - len(hessian), 1)
     sandwich = inverse @ scatter @ inverse
-    wider = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300), 1.0))
+    white = np.diag(inverse)
+    ratio = np.divide(np.diag(sandwich), white, out=np.ones(len(white)), where=white > np.finfo(float).tiny * 1e9)
+    wider = np.sqrt(np.maximum(ratio, 1.0))
     return inverse * np.outer(wider, wider)
 
 
@@ -212,7 +215,8 @@ def _variables(log: Evidence, effects: Sequence[Placed], nominal: Sequence[Nomin
     ]
     for n in nominal:
         parameter = next(q for q in known[n.effect].parameters if q.name == n.parameter)
-        found.append(_Variable(n.effect, n.where, n.parameter, parameter.low, parameter.high, n.deviation, n.deviation))
+        low, high = max(parameter.low, -FARTHEST * n.deviation), min(parameter.high, FARTHEST * n.deviation)
+        found.append(_Variable(n.effect, n.where, n.parameter, low, high, n.deviation, n.deviation))
     return found
 
 

@@ -16,11 +16,12 @@ from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import Change, Products, Variant, changes_of, gain, projected
 from experiments.measurement.refit import Nominal, Placed, Refitted, refit
 
-MOST_EFFECTS = 3
+MOST_EFFECTS = 6
 FINALISTS = 5  # effects that are refitted in each round
 LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypothesis, and there are a thousand
 LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
-TIE = 0.25  # of what the winner leaves over the noise: a rival that is closer than this cannot be told from it
+LEAST_STEP = 0.05  # of what is left over the noise: an effect that takes less is not what is missing
+TIE = 0.25  # of what the winner leaves over the noise, or takes away: a rival that is closer cannot be told from it
 NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
 DOMINATED = 0.05  # of the best linear score: hypotheses below it are not refitted
 SHORT_FIT = 4  # iterations of a finalist's refit
@@ -43,13 +44,21 @@ class Finalist(NamedTuple):
     held_out: float
 
 
+class Rung(NamedTuple):
+    """A step of the error ladder: the fit to everything, and its proof, the fit to one half of the blocks."""
+
+    name: str
+    fit: Refitted
+    proof: Refitted
+
+
 @dataclass
 class Selection:
     """What was selected, and all that was considered on the way."""
 
     fit: Refitted
     nominal: Sequence[Nominal]
-    ladder: list[tuple[str, Refitted]] = field(default_factory=list)
+    ladder: list[Rung] = field(default_factory=list)
     rankings: list[list[Scored]] = field(default_factory=list)
     ties: list[list[tuple[str, str]]] = field(default_factory=list)
 
@@ -60,9 +69,10 @@ def select(
     """Add effects while held-out blocks say that each is there."""
     effects = logs[0].atoms.effects
     changes, variants = changes_of(effects)
-    train, test = _halves(logs)
+    train, test = halves(logs)
     fit = refit(logs, (), nominal, iterations=3)
-    selection = Selection(fit, nominal, ladder=[("nominal model", fit)])
+    proof = refit(logs, (), nominal, fit, train, iterations=2)
+    selection = Selection(fit, nominal, ladder=[Rung("nominal model", fit, proof)])
     while len(selection.fit.effects) < most and _excess(logs, selection.fit) > NOISE:
         say(f"scoring {len(variants)} hypotheses at every place")
         ranking = score(logs, selection.fit, nominal, changes, variants)
@@ -77,15 +87,11 @@ def select(
         finalists.sort(key=lambda f: f.held_out)
         if not finalists or not _proven(finalists[0], before, logs, test):
             break
-        winner = finalists[0]
+        winner, rivals = _simplest(finalists, before, _weight(logs, test))
         full = refit(logs, winner.fit.effects, nominal, winner.fit)
-        noise = sum((log.weight() * part).sum() for log, part in zip(logs, test, strict=True))
-        reach = max(TIE * (winner.held_out - noise), LEAST_GAIN)
-        selection.ties.append(
-            [(f.scored.effect.name, f.scored.where) for f in finalists[1:] if f.held_out - winner.held_out < reach]
-        )
+        selection.ties.append([(f.scored.effect.name, f.scored.where) for f in rivals])
         selection.fit = full
-        selection.ladder.append((f"+ {winner.scored.effect.name}@{winner.scored.where}", full))
+        selection.ladder.append(Rung(f"+ {winner.scored.effect.name}@{winner.scored.where}", full, winner.fit))
     return selection
 
 
@@ -134,16 +140,29 @@ def _finalists(ranking: Sequence[Scored], chosen: Sequence[Placed]) -> list[Scor
     return best
 
 
+def _simplest(finalists: list[Finalist], before: float, noise: float) -> tuple[Finalist, list[Finalist]]:
+    """Of those that the held-out blocks cannot tell from the best, the one with the fewest parameters, and its rivals.
+
+    A rival with more parameters is no rival: an effect that holds another as its limit always fits as well.
+    """
+    best = finalists[0].held_out
+    reach = max(TIE * min(best - noise, before - best), LEAST_GAIN)
+    close = [f for f in finalists if f.held_out - best < reach]
+    fewest = min(len(f.scored.effect.parameters) for f in close)
+    simple = [f for f in close if len(f.scored.effect.parameters) == fewest]
+    return simple[0], simple[1:]
+
+
 def _proven(winner: Finalist, before: float, logs: Sequence[Evidence], test) -> bool:
     share = winner.scored
-    points = sum((log.weight() * part).sum() for log, part in zip(logs, test, strict=True))
+    points = _weight(logs, test)
     axis = {"joint": 12, "link": 12, "foot": 4, "torso": 1}[share.effect.axis]
     affected = (
         points
         * mask(share.where, share.effect.axis, logs[0].atoms.joint_names).sum()
         / min(axis, len(mask(share.where, share.effect.axis, logs[0].atoms.joint_names)))
     )
-    return before - winner.held_out > max(LEAST_GAIN, LEAST_SHARE * affected)
+    return before - winner.held_out > max(LEAST_GAIN, LEAST_SHARE * affected, LEAST_STEP * (before - points))
 
 
 def _without_nuisances(p: Products, atoms, nominal, changes, variants) -> np.ndarray:
@@ -183,7 +202,7 @@ def _bounded(effect: Effect, values: dict[str, float]) -> dict[str, float]:
     return {p.name: float(np.clip(values.get(p.name, p.start), p.low, p.high)) for p in effect.parameters}
 
 
-def _halves(logs: Sequence[Evidence]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+def halves(logs: Sequence[Evidence]) -> tuple[list[np.ndarray], list[np.ndarray]]:
     """Alternate pairs of blocks: fitted on one half, proven on the other."""
     train = [np.arange(log.blocks) // 2 % 2 == 0 if log.blocks > 3 else np.arange(log.blocks) % 2 == 0 for log in logs]
     return train, [~mask_ for mask_ in train]
@@ -191,6 +210,11 @@ def _halves(logs: Sequence[Evidence]) -> tuple[list[np.ndarray], list[np.ndarray
 
 def _excess(logs: Sequence[Evidence], fit: Refitted) -> float:
     return fit.total / sum(log.weight().sum() for log in logs) - 1.0
+
+
+def _weight(logs: Sequence[Evidence], blocks: Sequence[np.ndarray]) -> float:
+    """Expected chi^2 of noise alone."""
+    return float(sum((log.weight() * b).sum() for log, b in zip(logs, blocks, strict=True)))
 
 
 def _on(fit: Refitted, blocks: Sequence[np.ndarray]) -> float:

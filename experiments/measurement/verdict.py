@@ -7,39 +7,53 @@ from typing import Any, Literal
 import numpy as np
 
 from experiments.measurement.evidence import Evidence
+from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.refit import Placed, Refitted
-from experiments.measurement.selection import Selection, best_of_each
+from experiments.measurement.selection import Selection, best_of_each, halves
 
 Verdict = Literal["explained", "partly_explained", "none", "unknown", "not_identifiable", "data_fault"]
 
 FLOOR = 1.15  # residual over noise up to which a channel counts as explained
 FOUND_SHARE = 0.7  # of the excess over the floor that the effects must take away to be believed
+LARGE = 0.2  # of the nominal excess: a smaller effect that has rivals does not make the verdict uncertain
 COVERAGE = 1.96
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """Residual over noise: by drive channel and joint (3, J), by body channel (26,), NaN where nothing was measured."""
+    """Residual over noise: by drive channel and joint (3, J), by body channel (26,), NaN where nothing was measured;
+    effort (1,) of a rigid joint."""
 
-    drive: np.ndarray | None
-    body: np.ndarray | None
+    drive: np.ndarray | None = None
+    body: np.ndarray | None = None
+    effort: np.ndarray | None = None
 
     @property
     def worst(self) -> float:
         """The largest of all."""
-        parts = [x[np.isfinite(x)] for x in (self.drive, self.body) if x is not None]
+        parts = [x[np.isfinite(x)] for x in (self.drive, self.body, self.effort) if x is not None]
         values = np.concatenate([p.ravel() for p in parts]) if parts else np.zeros(1)
         return float(values.max()) if len(values) else 0.0
 
 
-def misfit(log: Evidence, fit: Refitted, index: int) -> Misfit:
-    """Residual over noise of one log at a fit; constant errors below the model's own are not counted."""
+def misfit(log: Evidence | JointEvidence, fit: Refitted, index: int, blocks: np.ndarray | None = None) -> Misfit:
+    """Residual over noise of one log at a fit, on all blocks or those of a mask.
+
+    Constant errors below the model's own are not counted.
+    """
     point = fit.points[index]
+    blocks = np.ones(log.blocks, bool) if blocks is None else blocks
+    if isinstance(log, JointEvidence):
+        here = blocks[log.block_of_rows()]
+        square = log.residual([point])[0][here] ** 2
+        return Misfit(effort=np.sqrt(square.sum(keepdims=True) / max(log.used[here].sum(), 1)))
     drive = body = None
     if log.drive is not None:
-        drive = np.sqrt((log.drive_residual([point])[0] ** 2).mean(0)).T
+        here = blocks[log.block_of_drive()]
+        drive = np.sqrt((log.drive_residual([point])[0][here] ** 2).mean(0)).T
     if log.body is not None:
-        r, used = log.body_residual([point])[0], log.body.used
+        here = blocks[log.block_of_body()]
+        r, used = log.body_residual([point])[0][here], log.body.used[here]
         count = used.sum(0)
         # smoothed rows share their noise: what is slower than the filter is weighed as it deserves
         size = np.sqrt((r**2).sum(0) / np.maximum(count, 1))
@@ -55,7 +69,7 @@ def excess(logs: Sequence[Evidence], fit: Refitted) -> float:
 
 def unexplained(logs: Sequence[Evidence], selection: Selection) -> float:
     """Share of the nominal model's excess that the fit leaves."""
-    before, after = excess(logs, selection.ladder[0][1]), excess(logs, selection.fit)
+    before, after = excess(logs, selection.ladder[0].fit), excess(logs, selection.fit)
     return after / before if before > 0 else 0.0
 
 
@@ -68,9 +82,15 @@ def decide(logs: Sequence[Evidence], selection: Selection) -> tuple[Verdict, tup
     share = 1.0 - unexplained(logs, selection)
     if share < FOUND_SHARE:
         return "unknown", ()
-    if any(selection.ties):
+    if any(tied and _large(logs, selection, k) for k, tied in enumerate(selection.ties)):
         return "not_identifiable", effects
     return ("explained" if left <= 1.5 * FLOOR else "partly_explained"), effects
+
+
+def _large(logs: Sequence[Evidence], selection: Selection, k: int) -> bool:
+    """Whether the k-th effect took a large part of the nominal model's excess."""
+    nominal, before, after = (excess(logs, selection.ladder[i].fit) for i in (0, k, k + 1))
+    return before - after > LARGE * nominal
 
 
 def effect_entries(
@@ -88,21 +108,38 @@ def effect_entries(
                 "unit": units[placed.effect, name],
             }
             first += 1
-        before, after = selection.ladder[k][1], selection.ladder[k + 1][1]
+        before, after = selection.ladder[k].proof, selection.ladder[k + 1].proof
         found.append(
             {
                 "effect": placed.effect,
                 "where": placed.where,
                 "parameters": parameters,
-                "held_out_error_before": _error(logs, before, placed),
-                "held_out_error_after": _error(logs, after, placed),
+                "held_out_error_before": held_out_error(logs, before),
+                "held_out_error_after": held_out_error(logs, after),
             }
         )
     return found
 
 
-def _error(logs: Sequence[Evidence], fit: Refitted, placed: Placed) -> float:
-    return max(misfit(log, fit, i).worst for i, log in enumerate(logs))
+def held_out_error(logs: Sequence[Evidence], proof: Refitted) -> float:
+    """Worst channel over noise on the blocks that a proof was not fitted to."""
+    _, test = halves(logs)
+    return max(misfit(log, proof, i, test[i]).worst for i, log in enumerate(logs))
+
+
+def fit_percents(selection: Selection, logs: Sequence[Evidence | JointEvidence]) -> list[dict[str, Any]]:
+    """Of each bench log: share of the measured effort that each rung explains, per cent, on all and on held-out rows."""
+    _, test = halves(logs)
+    found = []
+    for i, log in enumerate(logs):
+        if isinstance(log, JointEvidence):
+            here = test[i][log.block_of_rows()]
+            for rung in selection.ladder:
+                all_rows, held = log.fit_percent(rung.fit.points[i]), log.fit_percent(rung.proof.points[i], here)
+                found.append(
+                    {"log": log.name, "model": rung.name, "all": round(all_rows, 2), "held_out": round(held, 2)}
+                )
+    return found
 
 
 def ranking_entries(selection: Selection) -> list[dict[str, Any]]:

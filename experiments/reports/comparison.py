@@ -33,18 +33,16 @@ def write_comparison_report(path: Path, found: Comparison, before: Comparison | 
 
 
 def maps(found: Comparison, label: str) -> list[Block]:
-    """Joint by regime, and joint by channel, of the drives."""
+    """Joint by regime, and joint by channel."""
     if found.regimes is None:
         return []
     joints = found.log.atoms.joint_names
-    by_channel = found.misfit.drive.T
-    return [
-        Figure(
-            heat(found.regimes, REGIMES, joints),
-            f"Residual over noise of the drives by joint and regime, {label}. Empty: no such moment in the log.",
-        ),
-        Figure(heat(by_channel, DRIVE_CHANNELS, joints), f"The same by joint and channel, {label}."),
-    ]
+    caption = f"Residual over noise by joint and regime, {label}. Empty: no such moment in the log."
+    blocks: list[Block] = [Figure(heat(found.regimes, REGIMES, joints), caption)]
+    if found.misfit.drive is not None:
+        by_channel = heat(found.misfit.drive.T, DRIVE_CHANNELS, joints)
+        blocks.append(Figure(by_channel, f"The same by joint and channel of the drives, {label}."))
+    return blocks
 
 
 def heat(values: np.ndarray, columns, rows) -> go.Figure:

@@ -7,8 +7,10 @@ import plotly.graph_objects as go
 
 from experiments.measurement.diagnose import Diagnosis
 from experiments.measurement.evidence import BODY_CHANNELS, DRIVE_CHANNELS, Evidence
+from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.refit import Refitted
 from experiments.measurement.selection import best_of_each
+from experiments.reports.bench_figures import bench_signals, bench_spectrum
 from experiments.reports.comparison import heat
 from experiments.reports.figures import line, new_figure
 from experiments.reports.page import Block, Card, Cards, Figure, Section, Table, Text, write_report
@@ -42,8 +44,8 @@ def write_diagnosis_report(path: Path, found: Diagnosis) -> None:
 
 def _ladder(found: Diagnosis) -> Block:
     points = sum(log.weight().sum() for log in found.logs)
-    names = [name for name, _ in found.selection.ladder]
-    errors = [float(np.sqrt(fit.total / points)) for _, fit in found.selection.ladder]
+    names = [name for name, *_ in found.selection.ladder]
+    errors = [float(np.sqrt(fit.total / points)) for _, fit, _ in found.selection.ladder]
     figure = new_figure(height=320)
     figure.add_trace(go.Bar(x=names, y=errors, marker_color=COLOURS[2], text=[f"{e:.2f}" for e in errors]))
     figure.add_hline(y=1.0, line_dash="dot", annotation_text="sensor noise")
@@ -60,6 +62,9 @@ def _maps(found: Diagnosis) -> list[Block]:
                 caption = f"{log.name}: residual over noise of the drives, {label} adding effects."
                 blocks.append(Figure(heat(one.drive.T, DRIVE_CHANNELS, joints), caption))
         body = [(n, b, a) for n, b, a in _body_rows(before.body, after.body)]
+        if before.effort is not None:
+            rows = [("effort", f"{before.worst:.2f}", f"{after.worst:.2f}")]
+            blocks.append(Table(("channel of the joint", "before", "after"), rows, f"{log.name}.", numeric=(1, 2)))
         if body:
             rows = [(name, f"{b:.2f}", f"{a:.2f}") for name, b, a in body]
             blocks.append(
@@ -97,13 +102,15 @@ def _ranking(found: Diagnosis) -> Block:
 def _signals(found: Diagnosis) -> list[Block]:
     """The channel that failed most, before and after."""
     blocks: list[Block] = []
+    steps = found.selection.ladder
     for i, log in enumerate(found.logs):
+        if isinstance(log, JointEvidence):
+            blocks += bench_signals(log, i, steps[0], steps[-1])
         if log.drive is None:
             continue
         c, j = np.unravel_index(np.argmax(found.before[i].drive), found.before[i].drive.shape)
         name = f"{DRIVE_CHANNELS[c]} of {log.atoms.joint_names[j]}"
-        steps = found.selection.ladder
-        predicted = [_prediction(log, fit, i)[:, j, c] for _, fit in (steps[0], steps[-1])]
+        predicted = [_prediction(log, fit, i)[:, j, c] for _, fit, _ in (steps[0], steps[-1])]
         rows = slice(0, min(SHOWN, log.drive.rows))
         time = np.arange(log.drive.rows)[rows] * log.period
         figure = new_figure(height=360)
@@ -122,12 +129,15 @@ def _prediction(log: Evidence, fit: Refitted, index: int) -> np.ndarray:
 
 def _spectra(found: Diagnosis) -> list[Block]:
     blocks: list[Block] = []
+    steps = found.selection.ladder
+    shown = (steps[0], steps[-1]) if len(steps) > 1 else tuple(steps[:1])
     for i, log in enumerate(found.logs):
+        if isinstance(log, JointEvidence):
+            blocks += bench_spectrum(log, i, shown)
         if log.drive is None:
             continue
         figure = new_figure(height=320)
-        steps = found.selection.ladder
-        for k, (name, fit) in enumerate((steps[0], steps[-1]) if len(steps) > 1 else steps[:1]):
+        for k, (name, fit, _) in enumerate(shown):
             r = log.drive_residual([fit.points[i]])[0]
             power = (np.abs(np.fft.rfft(r, axis=0)) ** 2).mean((1, 2)) / len(r)
             frequency = np.fft.rfftfreq(len(r), log.period)
