@@ -16,8 +16,8 @@ CHUNK = 16  # environments per device whose working set stays in cache (README, 
 
 
 def device_mesh(devices: Sequence[jax.Device] | None = None) -> jax.sharding.Mesh:
-    """A one-axis mesh 'members' over the given devices (default: all)."""
-    devices = list(devices or jax.devices())
+    """A one-axis mesh 'members' over the given devices (default: all of this process)."""
+    devices = list(devices or jax.local_devices())
     return jax.make_mesh((len(devices),), ("members",), axis_types=(AxisType.Auto,), devices=devices)
 
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments.batch import batched, in_slices
+from experiments.distributed import gathered, share
 from experiments.effects.effect import Effect
 from experiments.model import Model
 from experiments.plant import PlantParams, make_plant
@@ -60,12 +61,13 @@ class Evaluation:
         return batched(one, self.mesh, self.chunk)
 
     def scores(self, members: Members, torque_limit: float = 1.0) -> Score:
-        """Scores of all members, NumPy leaves with the member axis first."""
+        """Scores of all members, NumPy leaves with the member axis first; each process runs its share of them."""
         params, settings = self.limited(torque_limit)
         shared = (params, settings, noise_table())
-        if len(members.values) <= SLICE:
-            return self._program(shared, members)
-        return in_slices(self._program, shared, members, SLICE)
+        mine = share(members)
+        few = len(mine.values) <= SLICE
+        scores = self._program(shared, mine) if few else in_slices(self._program, shared, mine, SLICE)
+        return gathered(scores, len(members.values))
 
     def limited(self, torque_limit: float = 1.0) -> tuple[PlantParams, Any]:
         """Plant and controller with the joint torque limits scaled (the real drives have limits of their own)."""

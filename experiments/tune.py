@@ -9,7 +9,6 @@ import jax
 import numpy as np
 
 from es import (
-    Checkpointer,
     CheckpointError,
     Progress,
     Risk,
@@ -20,6 +19,8 @@ from es import (
     search,
 )
 from experiments.batch import device_mesh
+from experiments.distributed import checkpointer as make_checkpointer
+from experiments.distributed import is_first
 from experiments.effects.effect import Effect
 from experiments.effects.library import LIBRARY
 from experiments.errors import UserError
@@ -75,7 +76,7 @@ class StagedEvaluation:
 
     def __init__(self, options: TuneOptions) -> None:
         self.options = options
-        self.mesh = device_mesh(jax.devices()[: options.devices] if options.devices else None)
+        self.mesh = device_mesh(jax.local_devices()[: options.devices] if options.devices else None)
         self.stages = {stage.name: stage for stage in options.definition.stages}
         self._by_drive: dict[str, Evaluation] = {}
 
@@ -89,6 +90,8 @@ class StagedEvaluation:
 
     def compile_ahead(self) -> None:
         """Compile the later stages' programs on another core while the first stage is being compiled and searched."""
+        if jax.process_count() > 1:
+            return  # these scores would cross with those of the search on their way between the processes
         _, *later = dict.fromkeys(stage.drive for stage in self.options.definition.stages)
         guess = self.options.definition.space().initial[None]
         for drive in later:
@@ -115,7 +118,7 @@ def tune(
     evaluation = StagedEvaluation(options)
     evaluation.compile_ahead()
     definition = options.definition
-    checkpointer = Checkpointer(run / "checkpoints", {"settings": options.settings()}, notify=notify)
+    checkpointer = make_checkpointer(run / "checkpoints", {"settings": options.settings()}, notify)
     try:
         result = search(
             evaluation,
@@ -131,7 +134,8 @@ def tune(
     except ValueError as error:
         raise UserError(f"{error}.") from None
     judged = judge(options, evaluation, result)
-    export(options, evaluation, run, result, judged)
+    if is_first():
+        export(options, evaluation, run, result, judged)
     return judged
 
 

@@ -9,6 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bar
 
 from es import Progress, SearchInterrupted
+from experiments.distributed import is_first
 from experiments.export import Judged
 from experiments.tasks.definition import TaskDefinition
 
@@ -21,7 +22,7 @@ class SearchProgress:
 
     def __init__(self, definition: TaskDefinition, folder: Path) -> None:
         self.definition, self.folder = definition, folder
-        self.console = Console(stderr=True)
+        self.console = Console(stderr=True, quiet=not is_first())
         self.told = time.monotonic()
         self.bar = Bar(
             TextColumn("{task.description}"),

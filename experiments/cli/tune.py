@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from experiments.cli.options import DevicesOption, EffectsOption, ModelOption, SeedOption, available_cores, start_jax
+from experiments.cli.signals import terminate_as_interrupt
 
 HELP = """Search a motion in simulation and leave a parameter file for the robot.
 
@@ -13,7 +14,9 @@ The search runs CMA-ES through the task's stages (perfect torque first, the full
 generation in parallel on all cores. It leaves in the output folder: parameters.json for the robot's controller,
 report.html to look at, motion.npz to replay.
 
-Ctrl-C leaves a resumable run: the same command continues it, to the same result to the bit.
+Ctrl-C and SIGTERM leave a resumable run: the same command continues it, to the same result to the bit.
+
+--distributed: several processes, on one machine or many, search one population; the result is the same to the bit.
 
     starleth tune squat_jump
     starleth tune squat_jump --generations 100 --seed 3 --output runs/jump3
@@ -40,14 +43,24 @@ def command(
     ] = None,
     perturbations: Annotated[Path | None, typer.Option(help="Perturbation file for the judging trials.")] = None,
     effects: EffectsOption = None,
+    distributed: Annotated[
+        bool, typer.Option("--distributed", help="One of several processes of one search, as the cluster says.")
+    ] = False,
+    coordinator: Annotated[str | None, typer.Option(help="The same by hand: host:port of process 0.")] = None,
+    processes: Annotated[int | None, typer.Option(min=1, help="How many processes there are.")] = None,
+    process: Annotated[int | None, typer.Option(min=0, help="Which of them this is.")] = None,
 ) -> None:
+    terminate_as_interrupt()
     start_jax(devices)
+    from experiments.distributed import join, leaving_alone, open_run_together
+
+    if distributed or coordinator is not None or processes is not None or process is not None:
+        join(coordinator, processes, process)
     from experiments.cli.progress import SearchProgress
     from experiments.effects.library import load_effects
     from experiments.errors import UserError
     from experiments.model import load_model
     from experiments.perturbations import load_perturbations
-    from experiments.run_folder import open_run
     from experiments.tasks.definition import load_task
     from experiments.tune import TuneOptions, tune
     from sea_jax import DRIVES
@@ -66,7 +79,11 @@ def command(
         definition, robot, seed, chosen, None if drive == "full" else drive, library=library, devices=devices
     )
     folder = output or Path("runs") / definition.task
-    with open_run(folder, "tune", options.settings()) as run, SearchProgress(definition, folder) as progress:
+    with (
+        leaving_alone(),
+        open_run_together(folder, "tune", options.settings()) as run,
+        SearchProgress(definition, folder) as progress,
+    ):
         if run.finished:
             progress.say(f"{folder} is finished already; its results are {folder}/parameters.json and report.html.")
             return
