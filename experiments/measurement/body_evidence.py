@@ -18,7 +18,6 @@ BODY_HOOKS = frozenset("body_parameters measurement measured_motion joint_drag t
 FLOOR_DRAWS = 3
 SLIDING = 0.06  # m/s above which a foot counts as sliding; several times the noise of its velocity
 PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
-LANES = 4  # sets of numbers per call of the compiled residual
 
 # What the best model of a real robot may still leave in each channel: below this nothing is called missing.
 MODEL_ERROR = {"force": 0.5, "torque": 0.05, "joint": 0.06, "gap": 5e-4, "friction": 0.05}
@@ -89,17 +88,13 @@ def residual_rows(replay: BodyReplay, atoms: Atoms, log: BodyLog, xs: np.ndarray
     """Residuals on raw rows, and the feet's normal force and sliding speed: (H, T, 26 + 4 + 4)."""
     rows, missing = len(log.q), -len(log.q) % PAD
     padded = BodyLog(*(np.concatenate([table, np.repeat(table[-1:], missing, 0)]) for table in log))
-    found = []
-    for i in range(0, len(xs), LANES):
-        part = xs[i : i + LANES]
-        full = np.concatenate([part, np.repeat(part[-1:], LANES - len(part), 0)]).astype(np.float32)
-        found.append(np.asarray(_lanes(replay, atoms, padded, full))[: len(part), :rows])
-    return np.concatenate(found)
+    found = [np.asarray(_one(replay, atoms, padded, x))[:rows] for x in xs.astype(np.float32)]
+    return np.stack(found)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
-def _lanes(replay: BodyReplay, atoms: Atoms, log: BodyLog, xs):
-    return jax.lax.map(lambda x: _channels(replay.residual(log, atoms.numbers(x))), xs)
+def _one(replay: BodyReplay, atoms: Atoms, log: BodyLog, x):
+    return _channels(replay.residual(log, atoms.numbers(x)))
 
 
 def _channels(r: BodyResidual) -> jax.Array:

@@ -13,7 +13,7 @@ from experiments.measurement.drive_log import DriveLog
 from experiments.measurement.drive_replay import CHANNELS, DriveReplay, measured, true_motion
 from sea_jax import DriveParams, JointMotion, LoopPeriods
 
-LANES = (32, 8, 2)  # sets of numbers per call: one compiled replay for each, so that few sets do not cost as many
+LANES = (16, 4)  # sets of numbers per call: one compiled replay for each, so that few sets do not cost as many
 PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
 SETTLE = 0.05  # s at the start of a log, in which the loops forget what was before it
 FLOOR_DRAWS = 3  # re-noised link motions from which the replay's own noise is estimated

@@ -1,6 +1,6 @@
 """All that one log says about the plant: the parts that it measures, in one currency, residual over noise."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from experiments.measurement.body_replay import DECIMATION, filter_window
 from experiments.measurement.drive_evidence import DRIVE_HOOKS, DriveEvidence
 from experiments.measurement.drive_replay import CHANNELS as DRIVE_CHANNELS
 from experiments.measurement.features import Change, Products
+from experiments.measurement.remembered import Remembered
 
 BLOCK = 0.5  # s: long against the residuals' correlation, short enough for many blocks in a log
 SHIFT_STEP = 1e-4  # rad
@@ -37,6 +38,8 @@ class Evidence:
     blocks: int
     period: float
     model_x: np.ndarray  # (n,)
+    drives_known: Remembered = field(default_factory=Remembered)
+    bodies_known: Remembered = field(default_factory=Remembered)
 
     def start(self) -> Point:
         """Where every fit begins: the model's own effects, nothing else off."""
@@ -46,16 +49,14 @@ class Evidence:
         """(H, T, J, 3) in units of the floor. Points that differ only in what the drives do not feel are run once."""
         xs, shifts = np.stack([p.x for p in points]), np.stack([p.shift for p in points])
         felt = np.concatenate([xs[:, self.atoms.touching(DRIVE_HOOKS)], shifts], 1)
-        _, first, which = np.unique(felt, axis=0, return_index=True, return_inverse=True)
-        return self.drive.residual(xs[first], shifts[first])[which.ravel()]
+        return self.drives_known.ask(felt, lambda new: self.drive.residual(xs[new], shifts[new]))
 
     def body_residual(self, points: list[Point]) -> np.ndarray:
         """(H, N, 26) in units of the floor."""
         xs, offsets = np.stack([p.x for p in points]), np.stack([p.offset for p in points])
-        _, first, which = np.unique(
-            xs[:, self.atoms.touching(BODY_HOOKS)], axis=0, return_index=True, return_inverse=True
-        )
-        return self.body.residual(xs[first])[which.ravel()] - offsets[:, None] * self.body.used[None]
+        felt = xs[:, self.atoms.touching(BODY_HOOKS)]
+        found = self.bodies_known.ask(felt, lambda new: self.body.residual(xs[new]))
+        return found - offsets[:, None] * self.body.used[None]
 
     def block_of_drive(self) -> np.ndarray:
         return np.minimum((np.arange(self.drive.rows) * self.period / BLOCK).astype(int), self.blocks - 1)

@@ -110,9 +110,10 @@ def projected(gram: np.ndarray, nuisances: list[np.ndarray], prior: np.ndarray) 
 
 def gain(gram: np.ndarray, direction: np.ndarray) -> Gain:
     """Reduction of chi^2 when the columns in `direction` (c, p) are fitted to minus the residual (last column)."""
-    left = gram @ direction
-    h = direction.T @ left
-    g = -left[-1]
+    moved = np.flatnonzero(direction.any(1))
+    inner = direction[moved]
+    h = inner.T @ gram[np.ix_(moved, moved)] @ inner
+    g = -gram[-1, moved] @ inner
     scale = np.sqrt(np.maximum(np.diag(h), 1e-300))
     if not (np.diag(h) > 1e-12).all():
         alive = np.diag(h) > 1e-12

@@ -26,6 +26,7 @@ from experiments.measurement.joint_replay import (
 from experiments.measurement.joint_ripple import with_ripple_seeds
 from experiments.measurement.log import Log
 from experiments.measurement.noise_floor import estimated
+from experiments.measurement.remembered import Remembered
 from experiments.model import JointNumbers, Model
 
 LANES = 16  # sets of numbers per call of the compiled replay
@@ -70,6 +71,7 @@ class JointEvidence:
     used: np.ndarray
     floor: float
     blocks: int
+    known: Remembered = field(default_factory=Remembered)
     drive: None = field(default=None)
     body: None = field(default=None)
 
@@ -79,7 +81,8 @@ class JointEvidence:
 
     def predict(self, points: list[Point]) -> np.ndarray:
         """Unfiltered residual effort (H, T) in its unit."""
-        return _residuals(self.replay, self.atoms, self.log, self.still, np.stack([p.x for p in points]))[
+        xs = np.stack([p.x for p in points])
+        return self.known.ask(xs, lambda new: _residuals(self.replay, self.atoms, self.log, self.still, xs[new]))[
             :, : self.rows
         ]
 
