@@ -11,7 +11,8 @@ because W is positive semi-definite; four at once would not on stiff legs.
 
 A foot's law is one scalar equation. Sliding means v_t = -kappa impulse_t with kappa > 0, sticking kappa = 0, so
 impulse_t(kappa) = -(S + kappa)^-1 s, and kappa >= 0 is sought where mu impulse_n / |impulse_t| reaches 1. That ratio
-is a straight line in kappa if S is isotropic; Newton's method from the line's root needs two steps.
+is a straight line in kappa if S is isotropic; Newton's method starts from the line's root, in later sweeps where the
+last one left it.
 """
 
 from typing import NamedTuple
@@ -63,18 +64,20 @@ def solve_contacts(problem: ContactProblem, impulse: Array, sweeps: int = SWEEPS
     pairs = [jax.tree.map(lambda x, k=k: x[k : k + 2], (p.root, mutual, p.free_velocity, feet)) for k in (0, 2)]
 
     def sweep(carry, _):
-        momentum, guesses = carry
-        solved = []
-        for (root, mutual, free, foot), guess in zip(pairs, guesses, strict=True):
+        momentum, guesses, kappas = carry
+        solved, slipping = [], []
+        for (root, mutual, free, foot), guess, kappa in zip(pairs, guesses, kappas, strict=True):
             seen = free + apply(transpose(root), momentum[None]) - apply(mutual, guess)
-            new = _solve_foot(foot, seen)
+            new, kappa = _solve_foot(foot, seen, kappa)
             momentum = momentum + total(apply(root, new - guess), 0)
             solved.append(new)
-        return (momentum, tuple(solved)), None
+            slipping.append(kappa)
+        return (momentum, tuple(solved), tuple(slipping)), None
 
     impulse = impulse * p.closed[:, None]
-    start = (total(apply(p.root, impulse), 0), (impulse[:2], impulse[2:]))
-    (momentum, solved), _ = jax.lax.scan(sweep, start, None, length=sweeps)
+    sticking = jnp.zeros(2, impulse.dtype)
+    start = (total(apply(p.root, impulse), 0), (impulse[:2], impulse[2:]), (sticking, sticking))
+    (momentum, solved, _), _ = jax.lax.scan(sweep, start, None, length=sweeps)
     impulse = jnp.concatenate(solved)
     velocity = p.free_velocity + apply(transpose(p.root), momentum[None]) + apply(p.own, impulse)
     scale = 3 / (block[:, 0, 0] + block[:, 1, 1] + block[:, 2, 2])
@@ -103,8 +106,11 @@ def _feet(p: ContactProblem, w: Array) -> Foot:
     )
 
 
-def _solve_foot(foot: Foot, velocity: Array) -> Array:
-    """Impulse (feet, 3) that fulfils the laws of each foot alone; velocity (feet, 3) is that without its impulse."""
+def _solve_foot(foot: Foot, velocity: Array, guess: Array) -> tuple[Array, Array]:
+    """Impulse (feet, 3) that fulfils the laws of each foot alone, and its kappa (feet,), 1/kg.
+
+    velocity (feet, 3) is that without the foot's impulse; guess of kappa (feet,), 0 where there is none.
+    """
     (c1, c2), mu = foot.c, foot.friction
     pressed = jnp.maximum(-velocity[:, 2] / foot.w_n, TINY)  # normal impulse without friction
     s1, s2 = velocity[:, 0] - c1 * velocity[:, 2], velocity[:, 1] - c2 * velocity[:, 2]
@@ -113,7 +119,7 @@ def _solve_foot(foot: Foot, velocity: Array) -> Array:
     rayleigh = (foot.s11 * s1 * s1 + 2 * foot.s12 * s1 * s2 + foot.s22 * s2 * s2) / size2
     line = (jnp.sqrt(size2) - mu * (c1 * s1 + c2 * s2)) / (mu * pressed + TINY)
     most = 1e4 * (foot.s11 + foot.s22)  # as good as frictionless
-    kappa = jnp.clip(line - rayleigh, 0, most)
+    kappa = jnp.where(guess > 0, guess, jnp.clip(line - rayleigh, 0, most))
 
     for _ in range(NEWTON_STEPS):
         a, b = foot.s11 + kappa, foot.s22 + kappa
@@ -129,4 +135,4 @@ def _solve_foot(foot: Foot, velocity: Array) -> Array:
     determinant = 1 / (a * b - foot.s12 * foot.s12)
     t1, t2 = (foot.s12 * s2 - b * s1) * determinant, (foot.s12 * s1 - a * s2) * determinant
     held = jnp.where(velocity[:, 2] < 0, foot.closed, 0)
-    return held[:, None] * project(jnp.stack([t1, t2, pressed - c1 * t1 - c2 * t2], -1), mu)
+    return held[:, None] * project(jnp.stack([t1, t2, pressed - c1 * t1 - c2 * t2], -1), mu), kappa
