@@ -76,6 +76,7 @@ def diagnose_command(
     start_jax()
     from experiments.measurement.diagnose import diagnose
     from experiments.measurement.intake import LogFault, read_checked
+    from experiments.reports.data_fault import write_fault_report
     from experiments.reports.diagnosis import write_diagnosis_report
 
     robot, library = _model(model, effects)
@@ -84,6 +85,7 @@ def diagnose_command(
     except LogFault as fault:
         answer = fault.answer()
         _write(output, "diagnosis.json", answer)
+        write_fault_report(output / "report.html", fault)
         print(json.dumps(answer))
         return
     robot, library = _on_bench(taken[0], robot, library)

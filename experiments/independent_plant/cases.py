@@ -46,6 +46,8 @@ EITHER_SIGN = (
     "torque_sensor_gain",
     "torque_sensor_offset",
 )
+# Share of the nominal number that an effect leaves at least: a spring does not pull where it should push.
+LEAST_LEFT = {"ground_friction": 0.4, "spring_stiffness": 0.3, "torque_constant": 0.3}
 SECONDARY = {
     "stribeck_friction": {"velocity": (10.0, 50.0)},
     "torque_ripple": {"phase": (-np.pi, np.pi)},
@@ -149,8 +151,8 @@ def draw_effect(name: str, motion: str, level: float, rng: np.random.Generator, 
         parameters["harmonic"] = float(rng.choice([1.0, 2.0, 4.0])) * (20.0 if motion == "bench_rigid" else 1.0)
     if name in EITHER_SIGN:
         size *= float(rng.choice([-1.0, 1.0]))
-    if name == "ground_friction":
-        size = -min(size, 0.6)
+    if name in LEAST_LEFT:
+        size = max(-size if name == "ground_friction" else size, LEAST_LEFT[name] - 1.0)
     parameters[family.scaled] = size
     if name in ("constant_force", "ground_slope"):
         axes = "xyz" if name == "constant_force" else "xy"

@@ -1,20 +1,25 @@
 """Logs on their way in: read, checked for data faults, brought to the control rate."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from experiments.errors import UserError
+from experiments.measurement.check import check
 from experiments.measurement.column_map import read_column_map
+from experiments.measurement.faults import Fault
 from experiments.measurement.log import Log
 from experiments.measurement.log_reader import read_log
+from experiments.measurement.resample import resample
 from experiments.model import Model
+from mjx_starleth.numbers import load_numbers
 
 
 class LogFault(UserError):
     """A log that measures no plant: swapped joints, a wrong unit or sign, a shift, missing samples."""
 
-    def __init__(self, log: Path, faults: list[Any]) -> None:
-        self.faults = faults
+    def __init__(self, log: Path, faults: Sequence[Fault]) -> None:
+        self.log, self.faults = log, tuple(faults)
         super().__init__(f"{log}: {faults[0].message}")
 
     def answer(self) -> dict[str, Any]:
@@ -32,8 +37,14 @@ class LogFault(UserError):
 
 
 def read_checked(path: Path, columns: Path | None, model: Model) -> Log:
-    """A log that may be believed. Raises UserError; LogFault where its data cannot be."""
+    """A log that may be believed, on the ticks of the robot's control. Raises UserError; LogFault for faulty data."""
     log = read_log(path, column_map=read_column_map(columns) if columns else None)
-    if (log.robot == "joint") != (model.joint is not None or log.robot == "joint"):
-        raise UserError(f"{path} is a log of a {log.robot}, the model is another robot's.")
-    return log
+    if log.joint is None and model.joint is not None:
+        raise UserError(
+            f"{path} is a log of the robot, the model is of the joint {model.joint.name}; give another model."
+        )
+    numbers = model.numbers or load_numbers()
+    faults = check(log, numbers.model_dump(mode="json"))
+    if faults:
+        raise LogFault(path, faults)
+    return resample(log, numbers.loops.control_period if log.joint is None else log.sample_period)

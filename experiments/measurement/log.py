@@ -135,6 +135,10 @@ class Log:
         """The same experiment with other tables (nothing else changed)."""
         return replace(self, signals=dict(signals))
 
+    def on_time(self, time: NDArray[np.float64], period: float, signals: Mapping[str, SignalTable]) -> "Log":
+        """The same experiment on another time axis."""
+        return replace(self, time=time, sample_period=period, signals=dict(signals))
+
     def rows_between(self, start: int, stop: int) -> "Log":
         """The rows `start` to `stop` (Python slice) as a log of their own."""
         part = slice(start, stop)

@@ -1,0 +1,185 @@
+"""Which faults, undone, make the columns of a log agree with one another.
+
+Greedy: of all hypotheses take the one that makes the links between columns more likely by most, undo it, look again;
+first exchanged, flipped and rescaled columns, which break a link altogether, then shifted ones. An effect of physics
+is not undone by exchanging, flipping, rescaling or shifting whole columns, so it stays.
+"""
+
+import math
+from collections import ChainMap
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+from experiments.measurement import hypotheses, repairs
+from experiments.measurement.base_links import base_links
+from experiments.measurement.hypotheses import Doubts
+from experiments.measurement.joint_links import bench_links, joint_links
+from experiments.measurement.leg_links import air_links, ground_links
+from experiments.measurement.links import Column, Link, usable_columns
+from experiments.measurement.log import Log
+from experiments.measurement.matching import Array, Match
+from experiments.measurement.posture import Posture, posture
+from experiments.measurement.repairs import Repair
+from mjx_starleth.names import JOINT_NAMES, LEGS
+
+AnyLink = Link | Posture
+
+# Nats of likelihood. Chance gives about one; what a model's error may give is kept small by the links' floors.
+_LEAST_EVIDENCE: Final = 30.0
+_WORSE: Final = -10.0  # a true repair makes nothing else worse
+_EXTRA_SIGNAL: Final = 5.0  # of two that explain as much, the one that touches fewer signals
+# A repair has to cut the misfit (and floor) of one link at least by this; of a shift in slow motion less is to be had
+_LEAST_RATIO: Final = 3.0
+_LEAST_SHIFT_RATIO: Final = 2.0
+_LEAST_WRONG: Final = 0.6  # misfit of a link with a sign turned, or a unit of more than 7 times the right one
+_MENDED: Final = 0.1  # misfit that is left by the right repair; hysteresis and play leave more, whatever is shifted
+_BROKEN: Final = 0.1  # misfit that exchanged, flipped and rescaled columns leave at least
+_DOUBTFUL: Final = 3.0  # times a link's floor, from where on a shift is looked for
+_FURTHER_LAG: Final = 15.0  # nats by which a longer shift must beat one that an effect may have
+_MOST_LAG: Final = 60.0  # samples searched
+_MOST_REPAIRS: Final = 40
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A repair that was made, and what it brought."""
+
+    repair: Repair
+    nats: float
+    before: float  # misfit of the link that gained most
+    after: float
+
+
+def links_of(log: Log, columns: Mapping[Column, Array], numbers: Mapping[str, Any]) -> list[AnyLink]:
+    """All links that the columns of this log allow."""
+    period = log.sample_period
+    if log.joint is not None:
+        return list(bench_links(log.joint, columns, period))
+    links: list[AnyLink] = []
+    for joint in JOINT_NAMES:
+        links += joint_links(joint, columns, period, numbers)
+        if ("joint_position", joint) in columns:
+            links.append(posture(joint, numbers))
+    for leg in LEGS:
+        leg_links = air_links if log.experiment == "fixed_base" else ground_links
+        links += leg_links(leg, columns, period, numbers)
+    return links + list(base_links(columns, period, numbers))
+
+
+class FaultSearch:
+    """The columns as repaired so far, and how well each link holds."""
+
+    def __init__(self, log: Log, numbers: Mapping[str, Any]):
+        self.period = log.sample_period
+        self.columns: dict[Column, Array] = usable_columns(log)
+        self.links = links_of(log, self.columns, numbers)
+        self.gear_ratio = 100.0 if log.joint is not None else float(numbers["drive"]["gear_ratio"])
+        self.names = log.joint_names
+        self.matches: list[Match] = []
+        self._match: Callable[[AnyLink, Mapping[Column, Array]], Match]
+        self._known: dict[tuple[Any, ...], tuple[frozenset[int], Finding | None]] = {}
+        self._touching: dict[Column, list[int]] = {}
+        for place, link in enumerate(self.links):
+            for column in link.columns:
+                self._touching.setdefault(column, []).append(place)
+
+    def run(self) -> list[Finding]:
+        """Repairs, the most convincing first, until nothing more is convincing."""
+        self._look(lambda link, columns: link.match(columns, self.period))
+        found = self._repaired(lambda: hypotheses.of_values(self._broken(), self.names, self.columns, self.gear_ratio))
+        self._look(lambda link, columns: link.still_match(columns, self.period))
+        return found + self._repaired(lambda: hypotheses.of_time(self._late(), self.names, self.columns))
+
+    def _look(self, match: Callable[[AnyLink, Mapping[Column, Array]], Match]) -> None:
+        self._match, self._known = match, {}
+        self.matches = [match(link, self.columns) for link in self.links]
+
+    def _repaired(self, candidates: Callable[[], Iterable[Repair | None]]) -> list[Finding]:
+        findings: list[Finding] = []
+        while len(findings) < _MOST_REPAIRS and (found := self._best(candidates())):
+            self._apply(found.repair)
+            findings.append(found)
+        return findings
+
+    def _broken(self) -> Doubts:
+        """Columns of links that do not hold at all."""
+        broken = zip(self.links, self.matches, strict=True)
+        return Doubts({column for link, match in broken if match.misfit > _BROKEN for column in link.columns}, {})
+
+    def _late(self) -> Doubts:
+        """Columns of links that do not quite hold, and the lags at which they hold better."""
+        columns, lags = set(), {}
+        for link, match in zip(self.links, self.matches, strict=True):
+            if match.misfit <= _DOUBTFUL * link.floor:
+                continue
+            columns.update(link.columns)
+            free = link.free_match(self.columns, self.period, _MOST_LAG)
+            if free.misfit < 0.5 * match.misfit:
+                for _, name in link.columns:
+                    lags.setdefault(name, set()).add(round(free.lag))
+        return Doubts(columns, lags)
+
+    def evidence(self, repair: Repair) -> Finding | None:
+        """What a repair brings, None if it makes anything worse; kept until a link that it touches changes."""
+        key = (repair.kind, repair.signals, repair.names, repair.value)
+        if key not in self._known:
+            self._known[key] = (frozenset(self._touched(repair)), self._evidence(repair))
+        return self._known[key][1]
+
+    def _evidence(self, repair: Repair) -> Finding | None:
+        changed = ChainMap(repair.applied(self.columns), self.columns)
+        total, best = 0.0, (1.0, 1.0, 1.0)
+        for place in self._touched(repair):
+            link, before = self.links[place], self.matches[place]
+            after = self._match(link, changed)
+            ratio = (before.misfit + link.floor) / (after.misfit + link.floor)
+            total += 0.5 * before.freedom * math.log(ratio)
+            best = max(best, (ratio, before.misfit, after.misfit))
+            if total < _WORSE:
+                return None
+        total -= _EXTRA_SIGNAL * (len(repair.signals) - 1)
+        ratio, before, after = best
+        least = _LEAST_SHIFT_RATIO if repair.kind == "time_shift" else _LEAST_RATIO
+        wrong = repair.kind not in ("sign", "unit") or before >= _LEAST_WRONG
+        return Finding(repair, total, before, after) if ratio >= least and wrong and after <= _MENDED else None
+
+    def _best(self, candidates: Iterable[Repair | None]) -> Finding | None:
+        found = [finding for repair in candidates if repair and (finding := self.evidence(repair))]
+        for finding in sorted(found, key=lambda finding: -finding.nats):
+            if finding.nats < _LEAST_EVIDENCE:
+                break
+            refined = self._best_shift(finding) if finding.repair.kind == "time_shift" else finding
+            if refined is not None:
+                return refined
+        return None
+
+    def _best_shift(self, finding: Finding) -> Finding | None:
+        """The best of the neighbouring shifts; a long one only if no short one does nearly as well."""
+        repair = finding.repair
+
+        def tried(late: int) -> Finding | None:
+            other = repairs.shift(repair.signals, repair.names, late, self.columns)
+            return self.evidence(other) if other and late else None
+
+        while True:
+            step = [tried(int(finding.repair.value) + one) for one in (-1, 1)]
+            better = [one for one in step if one and one.nats > finding.nats]
+            if not better:
+                break
+            finding = max(better, key=lambda one: one.nats)
+        if hypotheses.is_effect(finding.repair):
+            return None
+        short = [one.nats for late in hypotheses.EFFECT_LAGS if (one := tried(late))]
+        return finding if finding.nats - max(short, default=0.0) >= _FURTHER_LAG else None
+
+    def _apply(self, repair: Repair) -> None:
+        self.columns |= repair.applied(self.columns)
+        changed = self._touched(repair)
+        self._known = {key: known for key, known in self._known.items() if known[0].isdisjoint(changed)}
+        for place in changed:
+            self.matches[place] = self._match(self.links[place], self.columns)
+
+    def _touched(self, repair: Repair) -> list[int]:
+        """Links to look at again; those of a whole leg last, for they take longest."""
+        return sorted({place for column in repair.changes for place in self._touching.get(column, ())})

@@ -1,0 +1,40 @@
+"""A data fault: what is wrong with a log itself, named before anybody takes it for physics."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+FaultKind = Literal[
+    "empty_log",
+    "time",
+    "dropped_samples",
+    "repeated_samples",
+    "no_value",
+    "joint_never_moves",
+    "dead_sensor",
+    "stuck_sensor",
+    "clipped_sensor",
+    "quaternion",
+    "sign",
+    "unit",
+    "time_shift",
+    "swapped_joints",
+    "swapped_axes",
+]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault: its kind, the joints, legs or axes concerned in words, and one sentence with what to do about it."""
+
+    fault: FaultKind
+    where: str
+    message: str
+
+
+def listed(names: tuple[str, ...], everything: tuple[str, ...] = ()) -> str:
+    """'LF_HAA', 'LF_HAA and RF_HAA', or 'all joints' (axes, legs) where these are all of `everything`."""
+    if set(names) == set(everything) and len(names) > 1:
+        return "all axes" if len(names) < 5 else "all joints"
+    if len(names) > 6:
+        return f"{len(names)} joints ({', '.join(names[:4])}, …)"
+    return " and ".join(names) if len(names) < 3 else f"{', '.join(names[:-1])} and {names[-1]}"

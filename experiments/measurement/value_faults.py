@@ -1,0 +1,199 @@
+"""Faults of single columns: no values, a joint that never moves, a sensor that is dead, held or cut off."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from experiments.measurement.faults import Fault, listed
+from experiments.measurement.log import SIGNALS, Log, SignalTable, signal_names
+from experiments.measurement.matching import Array
+from experiments.measurement.runs import Runs, is_clipped, is_stuck
+from experiments.measurement.time_faults import is_measured
+
+# A few lost values are bridged; a block is a transient that nobody saw
+_BLOCK: Final = 4  # rows
+_MISSING_SHARE: Final = 0.01
+_STILL: Final = 5e-3  # rad (or m): a joint that stays within tells nothing, whatever its sensor's noise
+_COMMANDED: Final = 0.05  # rad: a command that goes further than this should have moved the joint
+_WINDS_UP: Final = 0.9  # correlation of motor position and spring torque
+_UNIT_NORM: Final = 0.02  # a quaternion's norm strays by its noise, 1e-3, not by this
+_GRAVITY_OFF: Final = 3.0  # times; most of the time the ground carries the weight
+
+
+def value_faults(log: Log, numbers: Mapping[str, Any]) -> Iterator[Fault]:
+    """What single columns and vectors show by themselves, one fault for all columns of a signal that share it."""
+    missing = [fault for signal in log.signals for fault in _no_value(log, signal)]
+    yield from missing or _no_command(log)
+    if missing:
+        return
+    still = _still_joints(log)
+    yield from _never_moves(log, still)
+    for signal, table in log.signals.items():
+        if is_measured(signal) and not (log.experiment == "fixed_base" and signal.startswith("base_")):
+            yield from _broken_sensor(log, signal, table, still, numbers)
+    yield from _orientation(log)
+    yield from _gravity(log, numbers)
+
+
+def _no_value(log: Log, signal: str) -> Iterator[Fault]:
+    table = log.signals[signal]
+    infinite = np.isinf(table.values)
+    if infinite.any():
+        row, place = (int(i[0]) for i in np.nonzero(infinite))
+        what = f"{signal} of {table.names[place]} is infinite at {log.time[row]:.6g} s"
+        yield Fault("no_value", table.names[place], f"{what}; leave the cell empty instead.")
+    if SIGNALS[signal].commanded:
+        return  # empty in the other mode
+    missing = np.isnan(table.values)
+    holes = np.array([_has_hole(column) for column in missing.T])
+    if holes.any():
+        names = _chosen(table, holes)
+        rows = missing[:, holes].any(1)
+        where = listed(names, table.names)
+        yield Fault(
+            "no_value",
+            where,
+            f"{signal} of {where} has no value in {int(rows.sum())} of {log.rows} rows, first at "
+            f"{log.time[np.argmax(rows)]:.6g} s; leave such columns out, cut the rows off or record the log again.",
+        )
+
+
+def _has_hole(missing: Array) -> bool:
+    """Whether values lack in a block or often, other than by the even rhythm of a slower sensor."""
+    if not missing.any():
+        return False
+    there = np.flatnonzero(~missing)
+    if there.size < 2:
+        return True
+    distance = np.diff(there)
+    rhythm = int(np.median(distance))
+    edges = max(there[0], len(missing) - 1 - there[-1])
+    if rhythm > 1:
+        return bool(max(distance.max(), edges + 1) > 3 * rhythm)
+    return bool(max(distance.max() - 1, edges) >= _BLOCK or missing.mean() > _MISSING_SHARE)
+
+
+def _no_command(log: Log) -> Iterator[Fault]:
+    """Rows in which a joint that is commanded elsewhere has neither a torque nor a position to follow."""
+    commands = [c for c in (log.joints("command_torque"), log.joints("command_position")) if c is not None]
+    if not commands:
+        return
+    nothing = np.all([np.isnan(c) for c in commands], axis=0)
+    lacking = (nothing.sum(0) >= _BLOCK) & ~nothing.all(0)
+    if lacking.any():
+        where = listed(tuple(np.array(log.joint_names)[lacking]), log.joint_names)
+        rows = nothing[:, lacking].any(1)
+        yield Fault(
+            "no_value",
+            where,
+            f"{where} has neither command_torque nor command_position in {int(rows.sum())} rows, first at "
+            f"{log.time[np.argmax(rows)]:.6g} s; log the command of every tick.",
+        )
+
+
+def _still_joints(log: Log) -> tuple[str, ...]:
+    q = log.joints("joint_position")
+    if q is None:
+        return ()
+    logged = np.isfinite(q).any(0)
+    return tuple(np.array(log.joint_names)[logged & (_spread(q) < _STILL)])
+
+
+def _never_moves(log: Log, still: tuple[str, ...]) -> Iterator[Fault]:
+    moved = np.zeros(len(log.joint_names))
+    for signal in ("command_position", "motor_position"):
+        if (values := log.joints(signal)) is not None:
+            moved = np.fmax(moved, _spread(values))
+    asked = tuple(name for name, by in zip(log.joint_names, moved, strict=True) if name in still and by > _COMMANDED)
+    driven = tuple(name for name in asked if not _stalls(log, name))
+    idle = tuple(name for name in still if name not in asked)
+    if driven:
+        where = listed(driven, log.joint_names)
+        what = f"{where} never moved by its encoder though it was driven"
+        yield Fault("joint_never_moves", where, f"{what}; free the joint or repair the encoder.")
+    elif idle and not all(_held_on_purpose(name, idle, log) for name in idle):
+        where = listed(idle, log.joint_names)
+        what = f"{where} never moved, so the log says nothing of friction, inertia or backlash there"
+        yield Fault("joint_never_moves", where, f"{what}; move every joint that is to be judged.")
+
+
+def _stalls(log: Log, name: str) -> bool:
+    """Whether the motor winds the spring up: the joint really stands, by friction perhaps, and the encoder is right."""
+    motor, torque = log.column("motor_position", name), log.column("joint_torque", name)
+    if motor is None or torque is None:
+        return False
+    there = np.isfinite(motor) & np.isfinite(torque)
+    return bool(np.corrcoef(motor[there], torque[there])[0, 1] > _WINDS_UP)
+
+
+def _held_on_purpose(name: str, idle: tuple[str, ...], log: Log) -> bool:
+    """Whether its whole leg, or all joints of its kind, are held: done on purpose, unlike a joint here and there."""
+    return any(
+        {other for other in log.joint_names if part in other.split("_")} <= set(idle)
+        for part in name.split("_")
+        if len(idle) < len(log.joint_names)
+    )
+
+
+def _broken_sensor(
+    log: Log, signal: str, table: SignalTable, still: tuple[str, ...], numbers: Mapping[str, Any]
+) -> Iterator[Fault]:
+    """A sensor with noise never reads the same throughout, hangs, or lies flat at its extreme."""
+    dead, stuck, clipped = (np.zeros(len(table.names), dtype=bool) for _ in range(3))
+    limit = numbers["drive"]["current_limit"] if signal == "motor_current" and log.joint is None else None
+    for place, (name, column) in enumerate(zip(table.names, table.values.T, strict=True)):
+        values = column[np.isfinite(column)]
+        if name in still or not values.size:
+            continue
+        runs = Runs.of(values)
+        dead[place] = len(runs.lengths) == 1
+        stuck[place] = not dead[place] and is_stuck(runs, values)
+        clipped[place] = not dead[place] and is_clipped(runs, values, limit)
+    kinds = (
+        ("dead_sensor", dead, "reads the same value throughout; repair the sensor or leave the column out."),
+        ("stuck_sensor", stuck, "hangs at one value for many rows; cut these rows off or record the log again."),
+        ("clipped_sensor", clipped, "is cut off at the end of the sensor's range; repeat with less or a wider range."),
+    )
+    for fault, flags, message in kinds:
+        if flags.any():
+            where = listed(_chosen(table, flags), signal_names(signal, log.joint))
+            yield Fault(fault, where, f"{signal} of {where} {message}")
+
+
+def _orientation(log: Log) -> Iterator[Fault]:
+    quaternion = log.vector("base_orientation")
+    if quaternion is None:
+        return
+    norm = float(np.nanmedian(np.linalg.norm(quaternion, axis=1)))
+    if abs(norm - 1.0) > _UNIT_NORM:
+        message = f"base_orientation is no unit quaternion (its norm is {norm:.3g}); the columns are w x y z."
+        yield Fault("quaternion", "torso", message)
+
+
+def _gravity(log: Log, numbers: Mapping[str, Any]) -> Iterator[Fault]:
+    acceleration = log.vector("base_acceleration")
+    if acceleration is None or log.joint is not None:
+        return
+    g, usual = numbers["gravity"], float(np.nanmedian(np.linalg.norm(acceleration, axis=1)))
+    if not g / _GRAVITY_OFF < usual < g * _GRAVITY_OFF:
+        message = (
+            f"base_acceleration is {usual:.3g} on the average where a sensor at rest reads {g:g} m/s^2; "
+            "log what the sensor reads, gravity included, and name its unit."
+        )
+        yield Fault("unit", "torso", message)
+
+
+def _chosen(table: SignalTable, flags: Array) -> tuple[str, ...]:
+    return tuple(name for name, flag in zip(table.names, flags, strict=True) if flag)
+
+
+def _spread(values: Array) -> Array:
+    """Range of each column without its few wildest samples; 0 where there are no values."""
+    spread = np.zeros(values.shape[1])
+    for place, column in enumerate(values.T):
+        finite = column[np.isfinite(column)]
+        if finite.size:
+            low, high = np.percentile(finite, [0.5, 99.5])
+            spread[place] = high - low
+    return spread

@@ -1,0 +1,214 @@
+"""Faults put into sound logs are named for what they are; sound logs, hidden effects and all, raise none."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.independent_plant.cases import draw_effect
+from experiments.independent_plant.library import FAMILIES, Effect
+from experiments.independent_plant.logs import columns, robot_info, write_log
+from experiments.independent_plant.runner import Case, record
+from experiments.independent_plant.strength import reachable
+from experiments.measurement.check import check
+from experiments.measurement.log import Log, SignalTable
+from experiments.measurement.log_info import LogInfo
+from experiments.measurement.log_reader import make_log, read_log
+from mjx_starleth.numbers import load_numbers
+
+DATA = Path(__file__).parents[1] / "data"
+NUMBERS = load_numbers().model_dump(mode="json")
+SENSORS = ("joint_position", "joint_velocity", "motor_position", "motor_velocity", "joint_torque", "motor_current")
+ALL = (*SENSORS, "command_torque", "command_position")
+DEGREES = 180.0 / np.pi
+
+Change = Callable[[np.ndarray], np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def air() -> Log:
+    return read_log(DATA / "air_reference_1500ms.csv.gz")
+
+
+@pytest.fixture(scope="module")
+def squat() -> Log:
+    return read_log(DATA / "squat_reference_1500ms.csv.gz")
+
+
+def with_columns(log: Log, signals: tuple[str, ...], names: tuple[str, ...], change: Change) -> Log:
+    """The log with `change` done to the columns (T, k) of some signals."""
+    tables = dict(log.signals)
+    for signal in set(signals) & set(tables):
+        table = tables[signal]
+        values = table.values.copy()
+        chosen = [table.names.index(name) for name in names or table.names]
+        values[:, chosen] = change(values[:, chosen])
+        tables[signal] = SignalTable(table.names, values)
+    return log.with_signals(tables)
+
+
+def with_rows(log: Log, rows: np.ndarray, renumbered: bool) -> Log:
+    """Only these rows, under their own time or as if nothing had happened."""
+    time = log.time[: len(rows)] if renumbered else log.time[rows]
+    tables = {signal: SignalTable(table.names, table.values[rows]) for signal, table in log.signals.items()}
+    return log.on_time(time, log.sample_period, tables)
+
+
+def late(samples: int) -> Change:
+    return lambda values: np.concatenate([np.repeat(values[:1], samples, axis=0), values[:-samples]])
+
+
+def frozen(values: np.ndarray) -> np.ndarray:
+    return np.repeat(values[:1], len(values), axis=0)
+
+
+def test_sound_logs_have_no_fault(air: Log, squat: Log) -> None:
+    assert check(air, NUMBERS) == [] == check(squat, NUMBERS)
+
+
+def swapped(values: np.ndarray) -> np.ndarray:
+    return values[:, ::-1]
+
+
+@pytest.mark.parametrize(
+    ("signals", "names", "change", "fault", "named"),
+    [
+        (("joint_torque",), ("LF_HAA", "RF_HFE"), swapped, "swapped_joints", "joint_torque of LF_HAA and RF_HFE"),
+        (SENSORS, ("LH_HFE", "RH_HFE"), swapped, "swapped_joints", "LH_HFE and RH_HFE"),
+        (ALL, ("LF_HFE", "LF_KFE"), swapped, "swapped_joints", "LF_HFE and LF_KFE"),
+        (("joint_position",), ("RH_HFE",), np.negative, "sign", "joint_position of RH_HFE"),
+        (("joint_torque",), (), np.negative, "sign", "joint_torque of all joints"),
+        (("joint_position",), (), lambda x: DEGREES * x, "unit", "in deg, not in rad"),
+        (("joint_torque",), ("LF_HFE",), lambda x: 1e3 * x, "unit", "joint_torque of LF_HFE"),
+        (("motor_current",), (), lambda x: 1e3 * x, "unit", "in mA, not in A"),
+        (("joint_torque",), (), late(12), "time_shift", "late against the other signals"),
+        (("joint_position", "joint_velocity"), ("RF_HFE",), late(10), "time_shift", "of RF_HFE"),
+        (("joint_position", "joint_velocity"), ("RF_HFE",), frozen, "joint_never_moves", "RF_HFE"),
+        (("motor_current",), ("RH_KFE",), frozen, "dead_sensor", "motor_current of RH_KFE"),
+        (("joint_velocity",), (), lambda x: np.clip(x, -0.5, 0.5), "clipped_sensor", "joint_velocity"),
+    ],
+)
+def test_a_fault_of_columns_is_named(air: Log, signals, names, change, fault: str, named: str) -> None:
+    found = check(with_columns(air, signals, names, change), NUMBERS)
+    assert [f.fault for f in found] == [fault], found
+    assert named in found[0].message
+
+
+def test_missing_values_are_a_fault_in_a_block_and_bridged_one_by_one(air: Log) -> None:
+    def holes(rows: slice) -> Log:
+        def dig(values: np.ndarray) -> np.ndarray:
+            values[rows] = np.nan
+            return values
+
+        return with_columns(air, ("joint_torque",), ("LH_KFE",), dig)
+
+    (fault,) = check(holes(slice(100, 140)), NUMBERS)
+    assert (fault.fault, fault.where) == ("no_value", "LH_KFE") and "40 of 600 rows" in fault.message
+    assert check(holes(slice(100, 101)), NUMBERS) == []
+
+
+@pytest.mark.parametrize("renumbered", [False, True])
+def test_dropped_and_repeated_samples_are_found_whatever_the_time_says(air: Log, renumbered: bool) -> None:
+    every = np.arange(air.rows)
+    (lost,) = check(with_rows(air, np.delete(every, slice(300, 320)), renumbered), NUMBERS)
+    assert lost.fault == "dropped_samples"
+    twice = np.sort(np.concatenate([every, [200, 201, 202, 400, 500]]))[: air.rows]
+    (again,) = check(with_rows(air, twice, renumbered), NUMBERS)
+    assert again.fault == "repeated_samples"
+
+
+def test_time_in_another_unit_or_running_backwards_is_named(air: Log) -> None:
+    (unit,) = check(air.on_time(1e3 * air.time, air.sample_period, air.signals), NUMBERS)
+    assert unit.fault == "unit" and "in ms" in unit.message
+    back = air.time.copy()
+    back[[50, 51]] = back[[51, 50]]
+    (order,) = check(air.on_time(back, air.sample_period, air.signals), NUMBERS)
+    assert order.fault == "time" and "backwards" in order.message
+
+
+def test_faults_of_the_joints_are_found_on_the_ground_too(squat: Log) -> None:
+    for signals, names, change, fault in (
+        (("joint_torque",), ("LF_KFE", "RF_KFE"), np.negative, "sign"),
+        (("motor_position",), ("LF_HFE", "LH_HFE"), swapped, "swapped_joints"),
+        (("joint_velocity",), (), lambda x: DEGREES * x, "unit"),
+        (("joint_torque",), (), late(12), "time_shift"),
+    ):
+        found = check(with_columns(squat, signals, names, change), NUMBERS)
+        assert {f.fault for f in found} == {fault}, found
+
+
+# --- what is no fault --------------------------------------------------------------------------------------------
+
+
+def as_log(case: Case, recording, place: int) -> Log:
+    info = LogInfo.model_validate(robot_info(case.platform, case.sensors, list(recording.signals)))
+    table = columns(recording, place)
+    return make_log({"time": np.arange(len(table["joint_position/LF_HAA"])) * case.period, **table}, info)
+
+
+SUSPECTS = (  # effects that look most like a wrong gain, sign, time or a stuck joint
+    "coulomb_friction",
+    "joint_coulomb_drag",
+    "backlash",
+    "spring_stiffness",
+    "spring_damping",
+    "spring_hysteresis",
+    "command_delay",
+    "sensor_delay",
+    "joint_encoder_offset",
+    "torque_sensor_gain",
+)
+
+
+def assert_no_alarm(motion: str, effects: list[Effect], duration: float) -> None:
+    cases = [Case(motion, "rich", (effect,), seed, duration) for seed, effect in enumerate(effects)]
+    recording = record(cases)
+    for place, case in enumerate(cases):
+        assert recording.fallen[place] or check(as_log(case, recording, place), NUMBERS) == [], case.effects
+
+
+def test_an_effect_is_not_taken_for_a_fault() -> None:
+    rng = np.random.default_rng(0)
+    assert_no_alarm("air", [draw_effect(name, "air", 0.5, rng) for name in SUSPECTS], 1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("motion", ["air", "air_torque", "squat", "hops"])
+def test_no_effect_at_all_is_taken_for_a_fault(motion: str) -> None:
+    """Every effect, in the library or not, weak and as strong as the robot stands it."""
+    rng = np.random.default_rng(0)
+    names = [name for name in FAMILIES if reachable(motion, name)]
+    effects = [draw_effect(name, motion, level, rng) for name in names for level in (0.05, 0.5)]
+    if motion == "squat":
+        effects.append(Effect("sensor_delay", "torso", {"delay": 4e-3}))
+    assert_no_alarm(motion, effects, 2.0)
+
+
+# --- the commands ------------------------------------------------------------------------------------------------
+
+
+def written(path: Path, log: Log) -> Path:
+    table = {f"{s}/{n}": t.column(n) for s, t in log.signals.items() for n in t.names}
+    write_log(path, table, json.loads((DATA / "air_reference_1500ms.json").read_text()), log.sample_period)
+    return Path(f"{path}.csv.gz")
+
+
+def starleth(*words: object) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-c", "from experiments.cli.main import main\nmain()", *map(str, words)]
+    return subprocess.run(command, capture_output=True, text=True)
+
+
+def test_the_commands_name_the_fault_in_one_sentence(air: Log, tmp_path: Path) -> None:
+    path = written(tmp_path / "bad", with_columns(air, ("joint_torque",), ("LF_HAA", "RF_HFE"), swapped))
+    compared = starleth("compare", path)
+    assert compared.returncode == 2 and "LF_HAA and RF_HFE are swapped" in compared.stderr
+    assert "Traceback" not in compared.stderr and compared.stderr.count("\n") == 1
+    assert starleth("diagnose", path, "--output", tmp_path / "out").returncode == 0
+    answer = json.loads((tmp_path / "out/diagnosis.json").read_text())
+    assert answer["verdict"] == "data_fault" and answer["effects"] == []
+    assert answer["faults"][0]["fault"] == "swapped_joints" and "LF_HAA" in answer["faults"][0]["where"]
+    assert "LF_HAA and RF_HFE are swapped" in (tmp_path / "out/report.html").read_text()
