@@ -1,16 +1,18 @@
 """The population axis lives here and nowhere else: vmap inside a chunk, chunks in turn, chunks over devices.
 
-A chunk is the unit that is compiled. Its size does not depend on the number of devices, so the arithmetic of a
-member does not either: 1, 2 or 4 devices give the same bits.
+A chunk is the unit that is compiled. Every device has the same single-device program and runs its share of the chunks
+on it, so 1, 2 or 4 devices give the same bits. (One program over all devices, by shard_map, does not: with more than
+one partition XLA orders its passes otherwise and fuses otherwise, and a fall makes of a last bit another cost.)
 """
 
+import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jax.sharding import AxisType, NamedSharding, PartitionSpec
+from jax.sharding import AxisType
 
 CHUNK = 16  # environments per device whose working set stays in cache (README, `starleth bench`)
 
@@ -21,39 +23,44 @@ def device_mesh(devices: Sequence[jax.Device] | None = None) -> jax.sharding.Mes
     return jax.make_mesh((len(devices),), ("members",), axis_types=(AxisType.Auto,), devices=devices)
 
 
-def batched(
-    function: Callable[..., Any], mesh: jax.sharding.Mesh, chunk: int = CHUNK
-) -> Callable[[Any, Any], Any]:
-    """`function(shared, member) -> output` over a leading member axis, padded to whole chunks per device.
+def batched(function: Callable[..., Any], mesh: jax.sharding.Mesh, chunk: int = CHUNK) -> Callable[[Any, Any], Any]:
+    """`function(shared, member) -> output` over a leading member axis, padded to whole chunks.
 
     Returns `run(shared, members) -> outputs`; `members` and `outputs` are pytrees with a leading axis of any
-    length, as NumPy arrays on the way out. One program is compiled per number of chunks per device.
+    length, as NumPy arrays on the way out. One program is compiled, of one chunk, whatever that length.
     """
-    width = mesh.devices.size
-    members_spec = PartitionSpec("members")
+    devices = list(mesh.devices.flat)
+    program = jax.jit(lambda shared, members: jax.vmap(lambda m: function(shared, m))(members))
+    compiled: dict[Any, list[Any]] = {}
+    lock = threading.Lock()  # a program may be wanted while it is being compiled ahead
 
-    def on_device(shared, members):
-        chunks = jax.tree.map(lambda x: x.reshape(-1, chunk, *x.shape[1:]), members)
-        outputs = jax.lax.map(lambda one: jax.vmap(lambda m: function(shared, m))(one), chunks)
-        return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), outputs)
-
-    program = jax.jit(
-        jax.shard_map(
-            on_device,
-            mesh=mesh,
-            in_specs=(PartitionSpec(), members_spec),
-            out_specs=members_spec,
-            check_vma=False,
-        )
-    )
-    sharded, replicated = NamedSharding(mesh, members_spec), NamedSharding(mesh, PartitionSpec())
+    def programs(shared: Any, members: Any) -> list[Any]:
+        leaves, form = jax.tree.flatten((shared, members))
+        key = form, tuple((leaf.shape, leaf.dtype) for leaf in leaves)
+        with lock:
+            if key not in compiled:
+                traced = [program.lower(*jax.device_put((shared, members), device)) for device in devices]
+                with ThreadPoolExecutor(len(devices)) as pool:  # XLA compiles without Python's lock
+                    compiled[key] = list(pool.map(lambda one: one.compile(), traced))
+            return compiled[key]
 
     def run(shared: Any, members: Any) -> Any:
         count = len(jax.tree.leaves(members)[0])
-        padded = -(-count // (chunk * width)) * chunk * width
-        spread = jax.tree.map(lambda x: jax.device_put(_pad(np.asarray(x), padded), sharded), members)
-        outputs = program(jax.device_put(shared, replicated), spread)
-        return jax.tree.map(lambda x: np.asarray(x)[:count], outputs)
+        shared = jax.tree.map(np.asarray, shared)
+        starts = range(0, count, chunk)
+        chunks = [jax.tree.map(lambda x, a=a: _pad(np.asarray(x)[a : a + chunk], chunk), members) for a in starts]
+        ready = programs(shared, chunks[0])
+
+        def turn(n: int) -> list[Any]:
+            """All chunks of one device, one after the other."""
+            here = jax.device_put(shared, devices[n])
+            mine = (jax.device_put(part, devices[n]) for part in chunks[n :: len(devices)])
+            return [jax.tree.map(np.asarray, ready[n](here, part)) for part in mine]
+
+        with ThreadPoolExecutor(len(devices)) as pool:
+            turns = list(pool.map(turn, range(len(devices))))
+        parts = [turns[i % len(devices)][i // len(devices)] for i in range(len(chunks))]
+        return jax.tree.map(lambda *pieces: np.concatenate(pieces)[:count], *parts)
 
     return run
 
@@ -66,15 +73,6 @@ def _pad(array: np.ndarray, length: int) -> np.ndarray:
 def in_slices(run: Callable[[Any, Any], Any], shared: Any, members: Any, size: int) -> Any:
     """`run` over slices of the member axis, so that memory is bounded whatever the number of members."""
     count = len(jax.tree.leaves(members)[0])
-    parts = []
-    for start in range(0, count, size):
-        part = jax.tree.map(lambda x, a=start: x[a : a + size], members)
-        length = len(jax.tree.leaves(part)[0])
-        whole = jax.tree.map(lambda x: _pad(np.asarray(x), size), part)
-        parts.append(jax.tree.map(lambda x, n=length: x[:n], run(shared, whole)))
+    slices = [jax.tree.map(lambda x, a=start: x[a : a + size], members) for start in range(0, count, size)]
+    parts = [run(shared, part) for part in slices]
     return jax.tree.map(lambda *pieces: np.concatenate(pieces), *parts) if parts else None
-
-
-def split_keys(key: jax.Array, count: int) -> jax.Array:
-    """One key per member as raw uint32 data (NumPy-friendly)."""
-    return jnp.asarray(jax.random.key_data(jax.random.split(key, count)))

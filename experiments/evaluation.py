@@ -1,6 +1,6 @@
 """Scores of many candidates under many trials: what the search, the robustness analysis and re-evaluation call."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -13,8 +13,8 @@ from experiments.batch import batched, in_slices
 from experiments.distributed import gathered, share
 from experiments.effects.effect import Effect
 from experiments.model import Model
-from experiments.plant import PlantParams, make_plant
-from experiments.rollout import Rollout, Score
+from experiments.plant import Plant, PlantParams, make_plant
+from experiments.rollout import Rollout, Score, Task
 from experiments.sensing import DirectSensing, Sensing
 from experiments.tasks.definition import TaskDefinition
 from experiments.tasks.registry import make_task
@@ -32,6 +32,11 @@ class Members(NamedTuple):
     noise_start: np.ndarray  # (N,) int32
 
 
+def unwatched(task: Task, plant: Plant) -> Task:
+    """The task as it is."""
+    return task
+
+
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """One task on one plant, compiled once for any number of members of the same kind."""
@@ -43,11 +48,12 @@ class Evaluation:
     mesh: jax.sharding.Mesh
     chunk: int
     sensing: Sensing = field(default_factory=DirectSensing)
+    watched: Callable[[Task, Plant], Task] = unwatched  # what else of a rollout is scored
 
     @cached_property
     def rollout(self) -> Rollout:
         plant = make_plant(self.model, self.drive, dict(self.library))
-        return Rollout(plant, make_task(self.definition, self.model), self.sensing)
+        return Rollout(plant, self.watched(make_task(self.definition, self.model), plant), self.sensing)
 
     @cached_property
     def _program(self):

@@ -19,8 +19,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from experiments.errors import UserError
 from experiments.files import read_json, shown, write_json
+from experiments.robustness_statistics import success_interval
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 SCHEMA_ID: Final = "starleth:parameters.schema.json"
 MAX_BYTES: Final = 1_000_000  # a file with every optional part has some 10 kB
 
@@ -80,18 +81,23 @@ class PerturbedTrials(_Record):
 
 
 class RobustnessGate(_Record):
-    """Did enough perturbed trials succeed to let the robot try? Passed where `success_rate` >= `required`."""
+    """Did enough perturbed trials succeed to let the robot try?
+
+    Passed where the lower end of `ci95` reaches `required`: a few lucky trials prove nothing.
+    """
 
     required: Share
     passed: bool
     success_rate: Share
-    ci95: Annotated[list[Share], Field(min_length=2, max_length=2)]
+    ci95: Annotated[list[Share], Field(min_length=2, max_length=2, description="of the success rate, Clopper-Pearson")]
     trials: Annotated[Count, Field(ge=1)]
+    seed: Count
+    perturbations: dict[Name, Line] = Field(description="what was perturbed, and by how much")
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if self.passed != (self.success_rate >= self.required):
-            raise ValueError("passed contradicts success_rate and required")
+        if self.passed != (self.ci95[0] >= self.required):
+            raise ValueError("passed contradicts ci95 and required")
         if not self.ci95[0] <= self.success_rate <= self.ci95[1]:
             raise ValueError("success_rate lies outside ci95")
         return self
@@ -100,7 +106,7 @@ class RobustnessGate(_Record):
 class ParameterFile(_Record):
     """Parameters of a motion for StarlETH's locomotion controller. SI units, radians."""
 
-    schema_version: Literal[1] = SCHEMA_VERSION
+    schema_version: Literal[2] = SCHEMA_VERSION
     task: Word
     robot: Word
     model_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16,64}$", description="of the model it was tuned on")]
@@ -145,6 +151,20 @@ def parameter(name: str, value: float, unit: str, low: float, high: float) -> Pa
     return Parameter(name=name, value=nearest if same_float32 else value, unit=unit, low=low, high=high)
 
 
+def gate(required: float, successes: int, trials: int, seed: int, perturbations: dict[str, str]) -> RobustnessGate:
+    """The verdict on so many trials."""
+    low, high = success_interval(successes, trials)
+    return RobustnessGate(
+        required=required,
+        passed=low >= required,
+        success_rate=successes / trials,
+        ci95=[low, high],
+        trials=trials,
+        seed=seed,
+        perturbations=perturbations,
+    )
+
+
 def now() -> str:
     """The time as it stands in `created`."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -177,13 +197,13 @@ def read_parameters(
     robot: str | None = None,
     model_hash: str | None = None,
     task: str | None = None,
-    allow_failed_gate: bool = False,
+    allow_ungated: bool = False,
 ) -> ParameterFile:
     """Read a parameter file, or refuse it with a UserError of one sentence.
 
     Refused: a file that is damaged or incomplete, of another schema version, of another robot, model or
-    task than asked for, with a value out of bounds, or that failed its robustness gate (unless
-    `allow_failed_gate`).
+    task than asked for, with a value out of bounds, or that has not passed a robustness gate (unless
+    `allow_ungated`: for simulation, or by a user who knows).
     """
     content = read_json(path, MAX_BYTES)
     name = shown(path)
@@ -206,13 +226,24 @@ def read_parameters(
             f"{name} was changed after it was written (its checksum is wrong); take an undamaged copy or tune again."
         )
     _refuse_other(file, name, robot, model_hash, task)
-    gate = file.robustness_gate
-    if gate is not None and not gate.passed and not allow_failed_gate:
-        raise UserError(
-            f"{name} failed its robustness gate ({gate.success_rate:.1%} of {gate.trials} trials succeeded, "
-            f"{gate.required:.1%} required); tune a more robust motion, or pass --allow-failed-gate."
-        )
+    if not allow_ungated:
+        _refuse_ungated(file, name)
     return file
+
+
+def _refuse_ungated(file: ParameterFile, name: str) -> None:
+    verdict = file.robustness_gate
+    if verdict is None:
+        raise UserError(
+            f"{name} has not been through a robustness gate; run 'starleth robustness {name} --gate 0.99' and take the "
+            "file that it writes, or allow ungated files."
+        )
+    if not verdict.passed:
+        raise UserError(
+            f"{name} failed its robustness gate ({verdict.success_rate:.1%} of {verdict.trials} trials succeeded, so at "
+            f"least {verdict.ci95[0]:.1%} with 95 % confidence; {verdict.required:.1%} required); tune a more robust "
+            "motion, or allow ungated files."
+        )
 
 
 def _refuse_other(file: ParameterFile, name: str, robot: str | None, model_hash: str | None, task: str | None) -> None:

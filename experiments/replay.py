@@ -33,10 +33,13 @@ class Motion:
         return self.definition.space().vector(self.file.values())
 
 
-def load_motion(source: Path, model: Model, allow_failed_gate: bool = False) -> Motion:
-    """A run's folder or a parameters.json. Raises UserError, also for parameters of another model."""
+def load_motion(source: Path, model: Model) -> Motion:
+    """A run's folder or a parameters.json, gated or not: this is simulation.
+
+    Raises UserError, also for parameters of another model.
+    """
     path = source / "parameters.json" if source.is_dir() else source
-    file = read_parameters(path, model_hash=model.hash(), allow_failed_gate=allow_failed_gate)
+    file = read_parameters(path, model_hash=model.hash(), allow_ungated=True)
     definition = load_task(file.task)
     missing = set(definition.space().names) ^ set(file.values())
     if missing:

@@ -31,7 +31,6 @@ def command(
     model: ModelOption = None,
     effects: EffectsOption = None,
     initial_guess: Annotated[bool, typer.Option("--initial-guess", help="Replay a task's initial guess.")] = False,
-    allow_failed_gate: Annotated[bool, typer.Option(help="Read a file that failed its robustness gate.")] = False,
 ) -> None:
     start_jax(1)
     from experiments import replay
@@ -45,7 +44,7 @@ def command(
         definition = load_task(source)
         values, tuned_on = replay.initial_guess(definition), "full"
     else:
-        motion = replay.load_motion(Path(source), robot, allow_failed_gate)
+        motion = replay.load_motion(Path(source), robot)
         definition, values, tuned_on = motion.definition, motion.values, motion.file.drive
     score, _ = replay.replay(values, definition, robot, drive or tuned_on, engine, library)
     print(json.dumps(replay.summary(score, definition, robot, drive or tuned_on, engine)))

@@ -102,7 +102,7 @@ def _cards(file: ParameterFile, record: JumpRecord, ideal: JumpRecord | None) ->
     if file.robustness_gate is not None:
         gate = file.robustness_gate
         low, high = gate.ci95
-        note = f"95 %: {percent(low, 1)} to {percent(high, 1)}; required: {percent(gate.required, 1)}"
+        note = f"95 %: {percent(low, 1)} to {percent(high, 1)}; at least {percent(gate.required, 1)} required"
         tone = "good" if gate.passed else "bad"
         cards.append(Card("Robustness gate", percent(gate.success_rate, 1), note=note, tone=tone))
     return Cards(cards)

@@ -16,6 +16,7 @@ from experiments.rollout import Score, Tick
 from experiments.sensing import CONTACT_FORCE
 from experiments.tasks.definition import TaskDefinition, check_weights
 from experiments.trial import Trial
+from mjx_starleth.terrain import ground_contact
 
 Array = jax.Array
 
@@ -31,6 +32,7 @@ TERMS = (
     "no_flight",
     "fall",
 )
+CONTACT_TOLERANCE = 1e-5  # m that a foot may start inside the ground: rounding
 CONE_EDGE = 0.8  # share of the friction cone beyond which a desired force is charged (FACTS 3.5)
 FALLEN_HEIGHT = 0.15  # m, torso above ground: lower than any crouch
 FALLEN_TILT = 0.7  # cosine of the torso's tilt
@@ -78,8 +80,11 @@ class SquatJumpTask:
     ) -> tuple[PlantState, Any]:
         jump = self.parameters(values)
         joints, torque = squat_jump.initial_pose(settings, jump)
-        # the joints' inverse kinematics counts from a level torso: the feet touch the ground at the start
-        base = jnp.stack([jnp.zeros(()), jnp.zeros(()), jump.initial_height, *jnp.eye(4)[0]])
+        # the joints' inverse kinematics counts from a level torso: the feet touch level ground at the start
+        feet = settings.geometry.r_BH_B + settings.geometry.foot_radius * jnp.eye(3)[2:]
+        gap = ground_contact(params.bodies.terrain, feet, params.bodies.foot_radius, params.bodies.friction).gap
+        height = jump.initial_height + jnp.maximum(-gap.min() - CONTACT_TOLERANCE, 0.0)
+        base = jnp.stack([jnp.zeros(()), jnp.zeros(()), height, *jnp.eye(4)[0]])
         return plant.initial_state(params, jnp.concatenate([base, joints]), torque), squat_jump.init(settings, jump)
 
     def control(

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from experiments import parameter_file
 from experiments.errors import UserError
-from experiments.parameter_file import ParameterFile, checksum, parameter, read_parameters, write_parameters
+from experiments.parameter_file import ParameterFile, checksum, gate, parameter, read_parameters, write_parameters
 
 SCHEMA = Path(parameter_file.__file__).parent / "schemas" / "parameters.schema.json"
 FULL_FUZZ = 100_000  # inputs of the slow test
@@ -43,6 +43,8 @@ def fields() -> dict:
             "success_rate": 0.98,
             "ci95": [0.96, 0.99],
             "trials": 256,
+            "seed": 3,
+            "perturbations": {"link_mass": "normal, 5 %"},
         },
         "drive": "full",
         "seed": 7,
@@ -84,7 +86,7 @@ def test_optional_parts_may_be_missing(path):
     optional = fields() | {"perturbed": None, "robustness_gate": None}
     optional["metrics"]["apex_height"]["spread"] = None
     write_parameters(path, **optional)
-    assert read_parameters(path).robustness_gate is None
+    assert read_parameters(path, allow_ungated=True).robustness_gate is None
 
 
 def test_the_published_schema_is_the_model(path):
@@ -97,7 +99,7 @@ def test_the_published_schema_is_the_model(path):
     for broken in (
         {k: v for k, v in content.items() if k != "seed"},
         content | {"extra": 1},
-        content | {"schema_version": 2},
+        content | {"schema_version": 1},
         content | {"parameters": [content["parameters"][0] | {"value": "0.3"}]},
         content | {"model_hash": "xyz"},
     ):
@@ -117,9 +119,9 @@ def test_the_checksum_is_the_documented_one(path):
 @pytest.mark.parametrize(
     ("changes", "match"),
     [
-        ({"schema_version": 2}, "schema version 2"),
+        ({"schema_version": 1}, "schema version 1"),
         ({"schema_version": True}, "schema version True"),
-        ({"schema_version": 1.0}, "schema version 1.0"),
+        ({"schema_version": 2.0}, "schema version 2.0"),
         ({"parameters": []}, "parameters"),
         ({"parameters": [fields()["parameters"][0]] * 2}, "twice"),
         ({"seed": -1}, "seed"),
@@ -153,14 +155,26 @@ def test_other_robot_model_or_task(path):
 
 
 def test_a_failed_gate_is_refused_unless_allowed(path):
-    failed = fields()["robustness_gate"] | {"passed": False, "success_rate": 0.9, "ci95": [0.85, 0.93]}
+    failed = fields()["robustness_gate"] | {"passed": False, "success_rate": 0.97, "ci95": [0.94, 0.98]}
     write_parameters(path, **fields() | {"robustness_gate": failed})
-    refused(path, "failed its robustness gate .90.0% of 256 trials succeeded, 95.0% required")
-    assert read_parameters(path, allow_failed_gate=True).robustness_gate.passed is False
+    refused(path, "failed its robustness gate .97.0% of 256 trials succeeded, so at least 94.0% .*95.0% required")
+    assert read_parameters(path, allow_ungated=True).robustness_gate.passed is False
+
+
+def test_a_file_without_a_gate_is_refused_unless_allowed(path):
+    write_parameters(path, **fields() | {"robustness_gate": None})
+    refused(path, "has not been through a robustness gate; run 'starleth robustness")
+    assert read_parameters(path, allow_ungated=True).robustness_gate is None
+
+
+def test_the_gate_asks_for_confidence_not_for_luck():
+    """All of 58 successes leave 95 % sure of no more than 93.8 %; all of 72 are the first to show 95 %."""
+    assert not gate(0.95, 58, 58, 0, {}).passed
+    assert not gate(0.95, 71, 71, 0, {}).passed and gate(0.95, 72, 72, 0, {}).passed
 
 
 def test_a_gate_cannot_pass_with_too_low_a_rate(path):
-    rewrite(path, robustness_gate=fields()["robustness_gate"] | {"success_rate": 0.9, "ci95": [0.85, 0.93]})
+    rewrite(path, robustness_gate=fields()["robustness_gate"] | {"success_rate": 0.97, "ci95": [0.94, 0.98]})
     refused(path, "passed contradicts")
 
 

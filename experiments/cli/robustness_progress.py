@@ -1,0 +1,66 @@
+"""Progress of perturbed trials on the terminal: done, success so far, time left."""
+
+import time
+from pathlib import Path
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from experiments.robustness_file import RobustnessFile
+
+INTERRUPTED = 130
+QUIET = 10.0  # s between lines where there is no terminal to draw a bar on
+
+
+class RobustnessProgress:
+    """A bar on stderr; turns an interrupt into a message that says how to go on."""
+
+    def __init__(self, trials: int, folder: Path) -> None:
+        self.trials, self.folder, self.done = trials, folder, 0
+        self.console = Console(stderr=True)
+        self.told = time.monotonic()
+        self.bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[success]}"),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+            console=self.console,
+        )
+
+    def __enter__(self) -> Self:
+        self.bar.start()
+        self.task = self.bar.add_task("compiling", total=self.trials, success="")
+        return self
+
+    def update(self, done: int, successes: int) -> None:
+        """After every block of trials."""
+        self.done = done
+        success = f"{successes / done:.1%} succeed"
+        self.bar.update(self.task, completed=done, description="trials", success=success)
+        if not self.console.is_terminal and time.monotonic() - self.told > QUIET:
+            self.told = time.monotonic()
+            self.say(f"{done} of {self.trials} trials, {success}")
+
+    def say(self, text: str) -> None:
+        self.console.print(text, highlight=False, soft_wrap=True)
+
+    def finish(self, found: RobustnessFile) -> None:
+        """Two lines about the result."""
+        self.bar.stop()
+        low, high = found.ci95
+        rate = f"{found.successes} of {found.trials} trials succeed: {found.success_rate:.2%}"
+        self.say(f"{rate} (95 %: {low:.2%} to {high:.2%}).")
+        if found.gate is not None:
+            verdict = "passed" if found.gate.passed else "NOT passed"
+            self.say(f"Robustness gate of {found.gate.required:.1%} {verdict}; {self.folder}/parameters.json says so.")
+        self.say(f"{self.folder}/robustness.json   to look at: {self.folder}/report.html")
+
+    def __exit__(self, kind, error, _) -> bool:
+        self.bar.stop()
+        if isinstance(error, KeyboardInterrupt):
+            self.say(f"Interrupted after {self.done} trials, which are kept; the same command continues.")
+            raise SystemExit(INTERRUPTED)
+        return False

@@ -1,0 +1,145 @@
+"""From a tuned motion's file to its robustness analysis on disk: what the command line calls."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from experiments.effects.effect import Effect
+from experiments.errors import UserError
+from experiments.export import versions
+from experiments.files import shown, write_json
+from experiments.model import Model
+from experiments.parameter_file import ParameterFile, gate, now, read_parameters, write_parameters
+from experiments.perturbations import Perturbations
+from experiments.reports.robustness import write_robustness_report
+from experiments.reports.robustness_trial import write_trial_report
+from experiments.robustness import PerturbedTrials, RobustnessOptions, describe_trial, run_trials, summary
+from experiments.robustness_file import RobustnessFile
+from experiments.run_folder import RunFolder
+from experiments.tasks.definition import load_task
+from experiments.trial import Trial, noise_table
+from sea_jax import DRIVES
+
+ROBOT = "starleth"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the user asked for."""
+
+    options: RobustnessOptions
+    file: ParameterFile  # of the motion
+    command: str
+    required: float | None  # success rate of the gate
+
+    @cached_property
+    def trials(self) -> PerturbedTrials:
+        """The options' trials, compiled at the first use."""
+        return PerturbedTrials(self.options)
+
+
+def plan(
+    source: Path,
+    model: Model,
+    perturbations: Perturbations,
+    trials: int,
+    seed: int,
+    command: str,
+    task: str | None,
+    drive: str | None,
+    library: Mapping[str, Effect],
+    devices: int | None,
+    required: float | None,
+) -> Plan:
+    """Read the motion and put the analysis together. Raises UserError."""
+    path = source / "parameters.json" if source.is_dir() else source
+    file = read_parameters(path, robot=ROBOT, allow_ungated=True)
+    if model.numbers is None:
+        raise UserError("This model is a single joint on a bench: it has no legs to try a motion on.")
+    if required is not None and file.model_hash != model.hash():
+        raise UserError(
+            f"{shown(path)} was tuned on the model {file.model_hash}, not on {model.hash()}: a gate speaks for the model "
+            "it was tuned on; give that model file, or leave --gate away."
+        )
+    definition = load_task(task or file.task)
+    if definition.task != file.task or set(definition.space().names) != set(file.values()):
+        raise UserError(
+            f"{shown(path)} holds parameters of another task than '{definition.task}'; give the task file it was tuned "
+            "with by --task."
+        )
+    if drive is not None and drive not in DRIVES:
+        raise UserError(f"No drive '{drive}'; choose one of {', '.join(DRIVES)}.")
+    options = RobustnessOptions(
+        values=definition.space().vector(file.values()),
+        definition=definition,
+        model=model,
+        drive=drive or file.drive,
+        perturbations=perturbations,
+        seed=seed,
+        trials=trials,
+        parameters=file.checksum,
+        library=library,
+        devices=devices,
+    )
+    return Plan(options, file, command, required)
+
+
+def analyse(
+    plan: Plan, run: RunFolder, on_block: Callable[[int, int], None], notify: Callable[[str], None]
+) -> RobustnessFile:
+    """Run all trials; write robustness.json, report.html, and parameters.json if a gate was asked for."""
+    o, trials = plan.options, plan.trials
+    outcome = run_trials(trials, run, on_block, notify)
+    laws = {name: law.model_dump_json() for name, law in o.perturbations.draw.items()}
+    verdict = None
+    if plan.required is not None:
+        verdict = gate(plan.required, outcome.successes, outcome.trials, o.seed, laws)
+    found = RobustnessFile(
+        task=o.definition.task,
+        robot=ROBOT,
+        model_hash=o.model.hash(),
+        tuned_on=plan.file.model_hash,
+        parameters=plan.file.checksum,
+        drive=o.drive,
+        seed=o.seed,
+        gate=verdict,
+        perturbations=laws,
+        versions=versions(),
+        created=now(),
+        command=f"{plan.command} --trials {outcome.trials}",
+        **summary(trials, outcome, plan.command),
+    )
+    write_json(run / "robustness.json", found.model_dump(mode="json"))
+    write_robustness_report(run / "report.html", found, outcome.sample)
+    if verdict is not None:
+        fields = {name: getattr(plan.file, name) for name in ParameterFile.model_fields}
+        for name in ("schema_version", "checksum"):
+            fields.pop(name)
+        write_parameters(run / "parameters.json", **fields | {"robustness_gate": verdict})
+    return found
+
+
+def one_trial(plan: Plan, index: int, output: Path | None) -> dict[str, Any]:
+    """One trial alone, to the bits it had among the others; with `output`, a report with its motion."""
+    trials = plan.trials
+    row = {name: values[0] for name, values in trials.run(index, 1).items()}
+    answer = describe_trial(trials, row, plan.command)
+    if output is not None:
+        try:
+            output.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UserError(f"{shown(output)} cannot be made: {error.strerror}; give another folder.") from None
+        evaluation, members = trials.evaluation, trials.members(index, 1)
+        trial = Trial({n: x[0] for n, x in members.numbers.items()}, noise_table(), members.noise_start[0])
+        params, settings = evaluation.limited()
+        record = jax.jit(evaluation.rollout.record)
+        _, ticks = jax.tree.map(np.asarray, record(params, settings, members.values[0], trial))
+        terrain = jax.tree.map(np.asarray, trial.apply(evaluation.rollout.plant, params).bodies.terrain)
+        write_json(output / "trial.json", answer)
+        write_trial_report(output / "report.html", plan.file, answer, trials.units, ticks, terrain, plan.options.model)
+    return answer

@@ -1,0 +1,111 @@
+"""Perturbation files: what is refused, and that every name changes just what it says."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from experiments.effects import LIBRARY
+from experiments.errors import UserError
+from experiments.model import FittedValue, PlacedEffect, nominal_model
+from experiments.perturbations import SHIPPED, describe, load_perturbations, parse_perturbations
+from experiments.plant import make_plant
+from experiments.sensing import NOISE
+from experiments.trial import BIASES, DISTURBANCES, PERTURBATIONS, Trial, noise_row, noise_table
+from mjx_starleth.terrain import ground_contact
+
+
+@pytest.fixture(scope="module")
+def plant():
+    return make_plant(nominal_model())
+
+
+def trial(**numbers: float) -> Trial:
+    values = {name: jnp.float32(value) for name, value in numbers.items()}
+    return Trial(values, noise_table(), jnp.int32(7))
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_shipped_files_are_read(name: str) -> None:
+    assert load_perturbations(name, nominal_model()).names
+
+
+@pytest.mark.parametrize(
+    ("draw", "match"),
+    [
+        ({"no_such": {"law": "fixed", "value": 1}}, "nothing is called 'no_such'"),
+        ({"torso_mass": {"law": "triangle"}}, "torso_mass"),
+        ({"torso_mass": {"law": "uniform", "low": 2, "high": 1}}, "low = 2 lies above high = 1"),
+        ({"torso_mass": {"law": "normal", "mean": 1, "std": 0.5}}, "-0.5 to 2.5 1, which leaves the possible range"),
+        ({"push_x": {"law": "fixed", "value": "NaN"}}, "push_x"),
+        ({"backlash@LF_KFE.width": {"law": "fixed", "value": -1}}, "backlash"),
+        ({"flubber@all.x": {"law": "fixed", "value": 0}}, "no effect 'flubber'"),
+        ({"payload@": {"law": "fixed", "value": 0}}, "has no parameter ''"),
+        ({"command_delay@nose.delay": {"law": "fixed", "value": 0}}, "no place 'nose'"),
+        ({f"n{i}": {"law": "fixed", "value": 0} for i in range(201)}, "200"),
+    ],
+)
+def test_a_file_that_makes_no_sense_is_refused(draw, match) -> None:
+    with pytest.raises(UserError, match=match) as caught:
+        parse_perturbations({"draw": draw}, "file.json", nominal_model())
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", PERTURBATIONS)
+def test_each_number_of_the_plant_is_unchanged_at_nominal_and_changed_elsewhere(plant, name: str) -> None:
+    p = PERTURBATIONS[name]
+
+    def applied(value):
+        return jax.tree.leaves(trial(**{name: value}).apply(plant, plant.params))
+
+    before = jax.tree.leaves(plant.params)
+    assert all(np.array_equal(a, b) for a, b in zip(before, applied(p.nominal), strict=True))
+    off = p.nominal + 0.1 * (p.high - p.nominal)
+    assert any(not np.array_equal(a, b) for a, b in zip(before, applied(off), strict=True))
+
+
+def test_an_effect_that_the_model_lacks_can_be_perturbed() -> None:
+    model = nominal_model()
+    laws = parse_perturbations(
+        {"draw": {"joint_encoder_offset@LF_KFE.offset": {"law": "fixed", "value": 0.01}}}, "test", model
+    )
+    plant = make_plant(laws.on(model))
+    numbers = trial(**{"joint_encoder_offset@LF_KFE.offset": 0.25}).apply(plant, plant.params).effects
+    offset = np.asarray(numbers[0]["offset"])
+    assert offset[2] == np.float32(0.25) and (np.delete(offset, 2) == 0).all()
+    assert laws.on(model).hash() != model.hash() and not model.effects
+
+
+def test_an_uncertain_effect_of_the_model_keeps_its_own_value_as_nominal() -> None:
+    payload = PlacedEffect(effect="payload", where="torso", parameters={"mass": FittedValue(value=2.0)})
+    model = nominal_model().with_effect(payload)
+    name = next(f"payload@torso.{p.name}" for p in LIBRARY["payload"].strengths if p.name == "mass")
+    assert describe(name, model).nominal == 2.0 and describe(name, nominal_model()).nominal == 0.0
+    laws = parse_perturbations({"draw": {name: {"law": "normal", "mean": 2.0, "std": 0.1}}}, "test", model)
+    assert laws.on(model).hash() == model.hash()
+
+
+def test_biases_are_constant_and_of_the_size_asked_for() -> None:
+    units = {"encoder_bias": NOISE.joint_position, "torque_bias": NOISE.joint_torque, "gyro_bias": NOISE[-1]}
+    assert set(units) == set(BIASES) == {n for n in DISTURBANCES if n.endswith("_bias")}
+
+    @jax.jit
+    @jax.vmap
+    def rows(start):
+        one = Trial({name: jnp.float32(0.1) for name in units}, noise_table(), start)
+        return noise_row(one, 3), noise_row(one, 1000)
+
+    drawn, later = (np.asarray(x) for x in rows(jnp.arange(1, 400)))
+    np.testing.assert_array_equal(drawn, later)
+    for name, unit in units.items():
+        # 399 times 3 or 12 normal numbers: their spread is known to 5 % or better
+        assert drawn[:, BIASES[name][0]].std() * unit == pytest.approx(0.1, rel=0.08)
+    assert drawn.any(0).sum() == 12 + 12 + 3
+
+
+def test_a_board_lies_where_it_was_put(plant) -> None:
+    numbers = {"obstacle_height": 0.03, "obstacle_x": 0.3, "obstacle_y": -0.2, "obstacle_width": 0.4}
+    bodies = trial(**numbers).apply(plant, plant.params).bodies
+    feet = jnp.asarray([[0.3, -0.2, 0.5], [0.3, -0.35, 0.5], [0.3, 0.1, 0.5], [0.45, -0.2, 0.5]], jnp.float32)
+    gap = jax.jit(ground_contact)(bodies.terrain, feet, bodies.foot_radius, bodies.friction).gap
+    np.testing.assert_allclose(np.asarray(gap), 0.5 - 0.02 - np.array([0.03, 0.03, 0, 0]), atol=1e-6)
