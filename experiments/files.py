@@ -17,6 +17,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
+from pydantic import ValidationError
+
 from experiments.errors import UserError
 
 MAX_DEPTH: Final = 32  # the deepest file of the project has 6 levels; deeper is an attack or a mistake
@@ -35,6 +37,14 @@ def shown(path: Path | str) -> str:
     """A path or name as it may stand in a one-line message: no control characters, long ones shortened."""
     text = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(path))
     return text if len(text) <= 200 else text[:90] + "…" + text[-90:]
+
+
+def first_complaint(error: ValidationError) -> str:
+    """The first of pydantic's complaints, with its place in the file, as the rest of a sentence."""
+    first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+    place = shown(".".join(str(part) for part in first["loc"]))
+    message = first["msg"].removeprefix("Value error, ")
+    return shown(f"'{place}': {message[:1].lower()}{message[1:]}" if place else message)
 
 
 def write_bytes(path: Path | str, data: bytes) -> None:

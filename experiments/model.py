@@ -16,7 +16,7 @@ from experiments.effects.effect import Effect
 from experiments.effects.library import LIBRARY, find_effect
 from experiments.effects.places import mask
 from experiments.errors import UserError
-from experiments.files import read_json, write_json
+from experiments.files import first_complaint, read_json, shown, write_json
 from mjx_starleth.names import JOINT_NAMES
 from mjx_starleth.numbers import RobotNumbers, load_numbers
 
@@ -102,22 +102,20 @@ def load_model(path: Path | None, effects: dict[str, Effect] = LIBRARY) -> Model
         return nominal_model()
     content = read_json(Path(path), MAX_BYTES)
     if not isinstance(content, dict):
-        raise UserError(f"{path} is not a model file: it must hold a JSON object.")
+        raise UserError(f"{shown(path)} is not a model file: it must hold a JSON object.")
     if "bodies" in content and "drive" in content:
         content = {"schema_version": SCHEMA_VERSION, "numbers": content}
     if content.get("schema_version") != SCHEMA_VERSION:
         raise UserError(
-            f"{path} has model schema version {content.get('schema_version')}; this program reads {SCHEMA_VERSION}."
+            f"{shown(path)} has model schema version {shown(str(content.get('schema_version')))}; this program reads {SCHEMA_VERSION}."
         )
     try:
         model = Model.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise UserError(f"{path}: {place}: {first['msg']}; correct it and try again.") from None
+        raise UserError(f"{shown(path)}: {first_complaint(error)}; correct it and try again.") from None
     if (model.numbers is None) == (model.joint is None):
         raise UserError(
-            f"{path}: a model holds either 'numbers' (starleth) or 'joint' (a single joint on a bench)."
+            f"{shown(path)}: a model holds either 'numbers' (starleth) or 'joint' (a single joint on a bench)."
         )
     if model.joint is not None:
         effects = bench_effects(effects, model.joint.kind == "prismatic")
@@ -135,14 +133,14 @@ def _check_effect(placed: PlacedEffect, effect: Effect, joint_names: tuple[str, 
     try:
         mask(placed.where, effect.axis, joint_names)
     except ValueError as error:
-        raise UserError(f"{path}: effect {placed.effect}: {error}.") from None
+        raise UserError(f"{shown(path)}: effect {placed.effect}: {error}.") from None
     known = {parameter.name: parameter for parameter in effect.parameters}
     unknown = set(placed.parameters) - set(known)
     if unknown:
         raise UserError(
-            f"{path}: effect {placed.effect} has no parameter '{min(unknown)}'; it has {', '.join(known)}."
+            f"{shown(path)}: effect {placed.effect} has no parameter '{shown(min(unknown))}'; it has {', '.join(known)}."
         )
     for name, value in placed.values().items():
         low, high = known[name].low, known[name].high
         if not low <= value <= high:
-            raise UserError(f"{path}: effect {placed.effect}: {name} = {value} lies outside [{low}, {high}].")
+            raise UserError(f"{shown(path)}: effect {placed.effect}: {name} = {value} lies outside [{low}, {high}].")

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from experiments.errors import UserError
-from experiments.files import read_json, shown
+from experiments.files import first_complaint, read_json, shown
 
 MAX_BYTES: Final = 1_000_000
 MAX_MEMBERS: Final = 10_000
@@ -139,7 +139,4 @@ def parse_sweep(content: Any, source: str) -> Sweep:
     try:
         return Sweep.model_validate(content)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        message = first["msg"].removeprefix("Value error, ")
-        raise UserError(f"{source}: {shown(f'{place}: {message}' if place else message)}.") from None
+        raise UserError(f"{source}: {first_complaint(error)}.") from None

@@ -6,7 +6,6 @@ Dask worker. A tune that dies, whatever of, takes nothing else with it.
 
 import contextlib
 import ctypes
-import inspect
 import os
 import signal
 import subprocess
@@ -27,8 +26,6 @@ REFUSED: Final = 2  # bad input: a second attempt would say the same
 MAX_BYTES: Final = 100_000
 LAST_WORDS: Final = 4_000  # bytes of a log in which its last sentence is looked for
 PR_SET_PDEATHSIG: Final = 1
-_KEYWORDS: Final = inspect.signature(read_parameters).parameters
-_ANY_GATE: Final = {name: True for name in ("allow_ungated", "allow_failed_gate") if name in _KEYWORDS}
 
 
 TUNE: Final = (sys.executable, "-m", "experiments.sweep_member", "tune")
@@ -139,7 +136,7 @@ def result_of(folder: Path, name: str) -> ParameterFile | None:
     record = read_json(run / RUN_FILE, MAX_BYTES * 10)
     if not isinstance(record, dict) or record.get("finished") is not True:
         return None
-    return read_parameters(run / "parameters.json", **_ANY_GATE)
+    return read_parameters(run / "parameters.json", allow_ungated=True)
 
 
 def die_with_parent() -> None:

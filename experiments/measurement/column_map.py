@@ -21,9 +21,9 @@ from typing import Annotated, Final
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from experiments.errors import UserError
-from experiments.files import parse_json, read_bytes, shown
+from experiments.files import first_complaint, parse_json, read_bytes, shown
 from experiments.measurement.log import SIGNALS, si_unit, signal_names
-from experiments.measurement.log_info import LogInfo, first_complaint
+from experiments.measurement.log_info import LogInfo
 from experiments.measurement.units import to_si
 
 MAX_BYTES: Final = 1_000_000

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Final, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from experiments.errors import UserError
-from experiments.files import read_json, shown
+from experiments.files import first_complaint, read_json, shown
 from experiments.measurement.log import SIGNALS, BenchJoint
 
 MAX_BYTES: Final = 1_000_000  # a thousand times what the format needs
@@ -56,11 +56,3 @@ def parse_info(data: Any, what: str) -> LogInfo:
         return LogInfo.model_validate(data)
     except ValidationError as error:
         raise UserError(f"{what}: {first_complaint(error)}.") from None
-
-
-def first_complaint(error: ValidationError) -> str:
-    """The first of pydantic's complaints, with its place in the file, as the rest of a sentence."""
-    first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-    place = shown(".".join(str(part) for part in first["loc"]))
-    message = first["msg"].removeprefix("Value error, ")
-    return shown(f"'{place}': {message[:1].lower()}{message[1:]}" if place else message)

@@ -5,7 +5,7 @@ import gzip
 import io
 import zipfile
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Final, NoReturn
 
@@ -41,27 +41,28 @@ _NO_VALUE: Final = ["", "nan", "NaN", "NAN", "NA", "null"]
 
 def read_csv(data: bytes, name: str, zipped: bool, delimiter: str = ",", limits: Limits = LIMITS) -> Columns:
     """All columns of a CSV with one header line as float64, NaN where a cell is empty."""
-    header, has_rows = _csv_header(data, name, zipped, delimiter, limits)
-    if not has_rows:
-        return {column: np.empty(0) for column in header}
+    header = _csv_header(data, name, zipped, delimiter, limits)
     cells = 0
-    blocks: list[pa.RecordBatch] = []
+    blocks: list[pa.Table] = []
+    # block by block in this thread: Arrow's own streaming reads ahead in one that calls back into Python, also at exit
     try:
-        reader = pa.csv.open_csv(
-            _Capped(data, zipped, limits.unpacked_bytes),
-            read_options=pa.csv.ReadOptions(use_threads=False, block_size=_CSV_BLOCK, column_names=header, skip_rows=1),
-            parse_options=pa.csv.ParseOptions(delimiter=delimiter, newlines_in_values=False),
-            convert_options=pa.csv.ConvertOptions(
-                column_types=dict.fromkeys(header, pa.float64()), null_values=_NO_VALUE
-            ),
-        )
-        for block in reader:
+        for text in _csv_blocks(data, name, zipped, limits):
+            block = pa.csv.read_csv(
+                pa.BufferReader(text),
+                read_options=pa.csv.ReadOptions(use_threads=False, column_names=header),
+                parse_options=pa.csv.ParseOptions(delimiter=delimiter, newlines_in_values=False),
+                convert_options=pa.csv.ConvertOptions(
+                    column_types=dict.fromkeys(header, pa.float64()), null_values=_NO_VALUE
+                ),
+            )
             cells += block.num_rows * len(header)
             _check_cells(cells, name, limits)
             blocks.append(block)
     except (pa.ArrowException, OSError, EOFError, zlib.error) as error:
         _explain_csv(data, name, zipped, delimiter, len(header), error)
-    table = pa.Table.from_batches(blocks)
+    if not blocks:
+        return {column: np.empty(0) for column in header}
+    table = pa.concat_tables(blocks)
     return {column: _to_float(table.column(column), name, column) for column in header}
 
 
@@ -131,12 +132,11 @@ def _lines(data: bytes, zipped: bool, most: int) -> io.TextIOWrapper:
     return io.TextIOWrapper(raw, encoding="utf-8-sig", newline="")
 
 
-def _csv_header(data: bytes, name: str, zipped: bool, delimiter: str, limits: Limits) -> tuple[list[str], bool]:
-    """The names of the columns, and whether anything follows them."""
+def _csv_header(data: bytes, name: str, zipped: bool, delimiter: str, limits: Limits) -> list[str]:
+    """The names of the columns."""
     try:
         lines = _lines(data, zipped, limits.unpacked_bytes)
         line = lines.readline(limits.header_bytes)
-        has_rows = any(lines.readline(limits.header_bytes).strip() for _ in range(2))
     except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
         raise UserError(f"{name} is not a readable CSV file ({_brief(error)}).") from None
     if len(line) == limits.header_bytes:
@@ -145,7 +145,26 @@ def _csv_header(data: bytes, name: str, zipped: bool, delimiter: str, limits: Li
         row = next(csv.reader([line], delimiter=delimiter, strict=True), [])
     except csv.Error as error:
         raise UserError(f"{name}: the header line cannot be read ({_brief(error)}).") from None
-    return _check_names([column.strip() for column in row], name, limits), has_rows
+    return _check_names([column.strip() for column in row], name, limits)
+
+
+def _csv_blocks(data: bytes, name: str, zipped: bool, limits: Limits) -> Iterator[bytes]:
+    """The rows after the header, in blocks of whole lines."""
+    stream = _Capped(data, zipped, limits.unpacked_bytes)
+    rest, in_header = b"", True
+    while part := stream.read(_CSV_BLOCK):
+        block = rest + part
+        if in_header:
+            end = min((at for at in (block.find(b"\n"), block.find(b"\r")) if at >= 0), default=len(block))
+            block, in_header = block[end:], False
+        end = max(block.rfind(b"\n"), block.rfind(b"\r")) + 1
+        rest = block[end:]
+        if len(rest) > _CSV_BLOCK:
+            raise UserError(f"{name} has a line of more than {_CSV_BLOCK} bytes, which no log has.")
+        if block[:end].strip(b"\r\n"):
+            yield block[:end]
+    if rest:
+        yield rest
 
 
 def _explain_csv(data: bytes, name: str, zipped: bool, delimiter: str, width: int, error: Exception) -> NoReturn:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from experiments.errors import UserError
+from experiments.files import shown
 
 _TURN = 2.0 * math.pi
 _GRAVITY = 9.80665  # standard gravity: data sheets of accelerometers and load cells are in it
@@ -30,5 +31,7 @@ def to_si(unit: str, si_unit: str, what: str) -> float:
     """Factor from `unit` to `si_unit`; UserError naming `what` and the units that would do."""
     factors = CONVERSIONS[si_unit]
     if unit not in factors:
-        raise UserError(f"{what}: unit '{unit}' cannot be turned into {si_unit}; use one of {', '.join(factors)}")
+        raise UserError(
+            f"{what}: unit '{shown(unit)}' cannot be turned into {si_unit}; use one of {', '.join(factors)}."
+        )
     return factors[unit]

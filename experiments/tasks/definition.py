@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from es import Parameter, ParameterSpace
 from experiments.errors import UserError
-from experiments.files import read_json
+from experiments.files import first_complaint, read_json, shown
 
 MAX_BYTES = 1_000_000
 
@@ -80,7 +80,7 @@ def load_task(name_or_file: str) -> TaskDefinition:
     if name_or_file.endswith(".json"):
         return parse_task(read_json(Path(name_or_file), MAX_BYTES), name_or_file)
     if name_or_file not in task_names():
-        raise UserError(f"No task '{name_or_file}'; the tasks are {', '.join(task_names())}, or give a .json file.")
+        raise UserError(f"No task '{shown(name_or_file)}'; the tasks are {', '.join(task_names())}, or give a .json file.")
     with resources.as_file(resources.files("experiments.tasks") / f"{name_or_file}.json") as path:
         return parse_task(read_json(path, MAX_BYTES), path.name)
 
@@ -91,11 +91,9 @@ def parse_task(content: Any, source: str) -> TaskDefinition:
         definition = TaskDefinition.model_validate(content)
         definition.space()
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise UserError(f"{source}: {place}: {first['msg']}.") from None
+        raise UserError(f"{shown(source)}: {first_complaint(error)}.") from None
     except ValueError as error:
-        raise UserError(f"{source}: {error}.") from None
+        raise UserError(f"{shown(source)}: {shown(str(error))}.") from None
     return definition
 
 

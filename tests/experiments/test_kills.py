@@ -18,6 +18,7 @@ import cheap_tune
 import numpy as np
 import pytest
 
+import es
 from experiments.errors import UserError
 
 HERE = Path(__file__).parent
@@ -56,16 +57,11 @@ def test_many_runs_killed_at_random_moments_end_with_the_same_file(tmp_path):
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory) -> dict[str, Path]:
-    """A finished run, and the same run interrupted (SIGTERM's way) in its sixth generation. Copied before use."""
+    """A finished run, and the same run interrupted in its sixth generation. Copied before use."""
     base = tmp_path_factory.mktemp("torn")
     cheap_tune.run(base / "finished", 0, GENERATIONS)
-    shutil.copytree(base / "finished", base / "interrupted")
-    # as a kill between the sixth and the seventh generation leaves it
-    for later in (7, 8):
-        shutil.rmtree(base / "interrupted" / "checkpoints" / f"generation_{later:08d}", ignore_errors=True)
-    (base / "interrupted" / "parameters.json").unlink()
-    record = json.loads((base / "interrupted" / "run.json").read_text())
-    (base / "interrupted" / "run.json").write_text(json.dumps(record | {"finished": False}, indent=1) + "\n")
+    with pytest.raises(es.SearchInterrupted):
+        cheap_tune.run(base / "interrupted", 0, GENERATIONS, interrupt_in=6)
     return {"finished": base / "finished", "interrupted": base / "interrupted"}
 
 
@@ -119,7 +115,7 @@ def test_many_torn_files_are_survived_or_refused(folders, tmp_path):
         state = "finished" if i % 4 == 0 else "interrupted"
         ended[f"{state} {tear_and_resume(folders[state], tmp_path, first + i)}"] += 1
     print(json.dumps({"torn": MANY, "ended": ended}))
-    assert sum(ended.values()) == MANY and ended["interrupted resumed"] > MANY // 4
+    assert sum(ended.values()) == MANY and ended["interrupted resumed"] > MANY // 2
 
 
 @pytest.mark.slow
