@@ -18,6 +18,7 @@ from experiments.measurement.verdict import (
     effect_entries,
     excess,
     fit_percents,
+    held_out_rms,
     misfit,
     ranking_entries,
     unexplained,
@@ -45,11 +46,15 @@ class Diagnosis:
 def diagnose(logs: Sequence[Log], model: Model, library: Mapping[str, Effect], say: Callable[[str], None]) -> Diagnosis:
     """The whole method. Raises UserError for logs that cannot be used at all."""
     say("replaying the logs")
-    evidence = tuple(gather(log, model, library, noise_of(log)) for log in logs)
+    return diagnose_evidence(tuple(gather(log, model, library, noise_of(log)) for log in logs), model, say)
+
+
+def diagnose_evidence(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str], None]) -> Diagnosis:
+    """The method on logs that are gathered already."""
     selection = select(evidence, (), say)
     if excess(evidence, selection.fit) > WELL_EXPLAINED and (len(selection.fit.effects) != 1):
         say("trying again with nominal numbers that may be a little off")
-        freed = select(evidence, nominal_freedom(model), say)
+        freed = select(evidence, nominal_freedom(model, evidence[0].atoms.effects), say)
         if _better(evidence, freed, selection):
             selection = freed
     verdict, effects = decide(evidence, selection)
@@ -61,7 +66,13 @@ def diagnose(logs: Sequence[Log], model: Model, library: Mapping[str, Effect], s
     )
 
 
-def nominal_freedom(model: Model) -> tuple[Nominal, ...]:
+def nominal_freedom(model: Model, effects: Sequence[Effect]) -> tuple[Nominal, ...]:
+    """Nominal numbers that may be a little off, as far as these effects can express it."""
+    known = {effect.name for effect in effects}
+    return tuple(n for n in _freedom(model) if n.effect in known)
+
+
+def _freedom(model: Model) -> tuple[Nominal, ...]:
     """Nominal numbers that may be off, each robot-wide or by kind of joint, as its numbers are given."""
     if model.joint is not None:
         return joint_freedom(model.joint)
@@ -73,11 +84,18 @@ def nominal_freedom(model: Model) -> tuple[Nominal, ...]:
         for kind in ("HAA", "HFE", "KFE")
     ]
     links = [Nominal("link_mass", kind, "relative", WIDE) for kind in ("HAA", "HFE", "KFE")]
+    gears = [
+        Nominal(effect, kind, parameter, WIDE * size)
+        for effect, parameter, size in (
+            ("coulomb_friction", "torque", drive.friction_coulomb),
+            ("viscous_friction", "coefficient", drive.friction_viscous),
+            ("motor_inertia", "relative", 1.0),
+            ("torque_constant", "relative", 1.0),
+        )
+        for kind in ("HAA", "HFE", "KFE")
+    ]
     return (
-        Nominal("coulomb_friction", "all", "torque", WIDE * drive.friction_coulomb),
-        Nominal("viscous_friction", "all", "coefficient", WIDE * drive.friction_viscous),
-        Nominal("motor_inertia", "all", "relative", WIDE),
-        Nominal("torque_constant", "all", "relative", WIDE),
+        *gears,
         Nominal("payload", "torso", "mass", WIDE * n.bodies.torso.mass),
         *springs,
         *dampers,
@@ -126,6 +144,7 @@ def _answer(verdict, effects, selection: Selection, logs, text: str) -> dict[str
         "effects": effect_entries(selection, logs, units) if effects else [],
         "tied_with": [[name for name, _ in group] for group in selection.ties] if effects else [],
         "next_experiment": "",
+        "held_out_rms": round(held_out_rms(selection, logs), 4),
         "unexplained_fraction": round(unexplained(logs, selection), 4),
         "ranking": ranking_entries(selection),
         **({"fit_percent": fits} if fits else {}),

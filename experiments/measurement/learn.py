@@ -49,7 +49,7 @@ def learn(
     kept = tuple(e for e in model.effects if (e.effect, e.where) not in set(wanted))
     model = model.model_copy(update={"effects": kept})
     used = {e.effect: library[e.effect] for e in kept} | {name: library[name] for name, _ in wanted}
-    freedom = nominal_freedom(model) if nominal else ()
+    freedom = nominal_freedom(model, tuple(library.values())) if nominal else ()
     used |= {n.effect: library[n.effect] for n in freedom}
     evidence = [gather(log, model, used, noise_of(log)) for log in logs]
     start = _starts(evidence, wanted)

@@ -142,6 +142,14 @@ def fit_percents(selection: Selection, logs: Sequence[Evidence | JointEvidence])
     return found
 
 
+def held_out_rms(selection: Selection, logs: Sequence[Evidence | JointEvidence]) -> float:
+    """RMS of all residuals over noise on the blocks that the last rung was not fitted to."""
+    _, test = halves(logs)
+    proof = selection.ladder[-1].proof
+    total = sum((chi2 * blocks).sum() for chi2, blocks in zip(proof.chi2, test, strict=True))
+    return float(np.sqrt(total / sum((log.weight() * blocks).sum() for log, blocks in zip(logs, test, strict=True))))
+
+
 def ranking_entries(selection: Selection) -> list[dict[str, Any]]:
     """`ranking` of the answer file: each effect at its best place, by its first score."""
     if not selection.rankings:
