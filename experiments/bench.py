@@ -20,6 +20,7 @@ from controller_jax.force_problem import SupportLegs
 from controller_jax.joint_torques import weight_torque
 from controller_jax.leg_kinematics import leg_kinematics
 from experiments.batch import batched, device_mesh
+from experiments.imu_sensing import make_sensing
 from experiments.model import Model
 from experiments.plant import make_plant
 from experiments.rollout import Rollout
@@ -34,7 +35,14 @@ from sea_jax import JointCommand, JointMeasurement, JointMotion
 
 ROUNDS = 5
 KP, KD = 100.0, 2.0  # joint servo of the entries without a controller, as in the MuJoCo C run
-CHUNKS = {"bodies": 32, "drive": 32, "force_distribution": 32, "closed_loop": 32, "mjx_step": 16}
+CHUNKS = {
+    "bodies": 32,
+    "drive": 32,
+    "force_distribution": 32,
+    "closed_loop": 32,
+    "gait_closed_loop": 32,
+    "mjx_step": 16,
+}
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,7 @@ def entries(model: Model, devices: int, batch: int | None = None) -> list[Entry]
         ("drive", drive_ticks, 400),
         ("force_distribution", force_ticks, 400),
         ("closed_loop", closed_loop_ticks, None),
+        ("gait_closed_loop", gait_closed_loop_ticks, None),
         ("mjx_step", mjx_ticks, 100),
     ):
         body, count = function(model, ticks)
@@ -180,6 +189,20 @@ def closed_loop_ticks(model: Model, _: None):
     """The squat jump as the search runs it: full drive train, controller, cost terms."""
     rollout_ = _jump(model)
     initial = jnp.asarray(load_task("squat_jump").space().initial)
+
+    def run(shared, shift):
+        params, settings = shared
+        return rollout_.score(params, settings, initial + 0.05 * shift, nominal_trial()).cost
+
+    return (run, (rollout_.plant.params, rollout_.task.settings)), rollout_.task.ticks
+
+
+def gait_closed_loop_ticks(model: Model, _: None):
+    """A running trot as the search runs it: the closed loop with sensors, filter and gait planner."""
+    definition = load_task("running_trot")
+    sensing = make_sensing(definition.stages[-1].sensing, model)
+    rollout_ = Rollout(make_plant(model), make_task(definition, model), sensing)
+    initial = jnp.asarray(definition.space().initial)
 
     def run(shared, shift):
         params, settings = shared

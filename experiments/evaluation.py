@@ -1,7 +1,7 @@
 """Scores of many candidates under many trials: what the search, the robustness analysis and re-evaluation call."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,10 +12,11 @@ import numpy as np
 from experiments.batch import batched, in_slices
 from experiments.distributed import gathered, share
 from experiments.effects.effect import Effect
+from experiments.imu_sensing import make_sensing
 from experiments.model import Model
 from experiments.plant import Plant, PlantParams, make_plant
 from experiments.rollout import Rollout, Score, Task
-from experiments.sensing import DirectSensing, Sensing
+from experiments.sensing import Sensing
 from experiments.tasks.definition import TaskDefinition
 from experiments.tasks.registry import make_task
 from experiments.trial import Trial, noise_table
@@ -47,13 +48,14 @@ class Evaluation:
     library: Mapping[str, Effect]
     mesh: jax.sharding.Mesh
     chunk: int
-    sensing: Sensing = field(default_factory=DirectSensing)
+    sensing: Sensing | None = None  # that of the task's last stage unless given
     watched: Callable[[Task, Plant], Task] = unwatched  # what else of a rollout is scored
 
     @cached_property
     def rollout(self) -> Rollout:
         plant = make_plant(self.model, self.drive, dict(self.library))
-        return Rollout(plant, self.watched(make_task(self.definition, self.model), plant), self.sensing)
+        sensing = self.sensing or make_sensing(self.definition.stages[-1].sensing, self.model)
+        return Rollout(plant, self.watched(make_task(self.definition, self.model), plant), sensing)
 
     @cached_property
     def _program(self):

@@ -10,12 +10,13 @@ import numpy as np
 from es import SearchResult
 from experiments import parameter_file
 from experiments.parameter_file import Metric, PerturbedTrials, Spread, write_parameters
-from experiments.recording import jump_record, write_motion
+from experiments.recording import gait_record, jump_record, write_motion
+from experiments.reports.gait import write_gait_report
 from experiments.reports.jump import write_jump_report
-from experiments.reports.recording import History
+from experiments.reports.recording import History, Recording
 from experiments.rollout import Score
 from experiments.run_folder import RunFolder
-from experiments.tasks.registry import metric_units
+from experiments.tasks.registry import GAITS, metric_units
 from experiments.trial import nominal_trial
 
 if TYPE_CHECKING:
@@ -39,9 +40,8 @@ def export(
     """Write parameters.json, motion.npz and report.html of a finished search. Raises UserError."""
     drive = evaluation.on(options.definition.stages[-1].drive).drive
     file = write_parameters(run / "parameters.json", **parameter_fields(options, drive, run.path, result, judged))
-    record = record_jump(evaluation, drive, judged.values)
+    record = record_motion(evaluation, drive, judged.values)
     write_motion(run / "motion.npz", record)
-    ideal = record_jump(evaluation, "ideal", judged.values)
     history = History(
         best=np.array([g.best_cost for g in result.history]),
         mean=np.array([g.mean_cost for g in result.history]),
@@ -50,17 +50,21 @@ def export(
         stage_names=[stage.name for stage in options.definition.stages],
         population=options.definition.population,
     )
-    write_jump_report(
-        run / "report.html", file, options.model.numbers, record, ideal=ideal, history=history, sensitivities=()
-    )
+    report, numbers = run / "report.html", options.model.numbers
+    if options.definition.task in GAITS:
+        write_gait_report(report, file, numbers, record, history=history)
+    else:
+        ideal = record_motion(evaluation, "ideal", judged.values)
+        write_jump_report(report, file, numbers, record, ideal=ideal, history=history)
 
 
-def record_jump(evaluation: "StagedEvaluation", drive: str, values: np.ndarray):
+def record_motion(evaluation: "StagedEvaluation", drive: str, values: np.ndarray) -> Recording:
     """The nominal trial of a candidate, tick by tick, on one drive."""
     on = evaluation.on(drive)
     params, settings = on.limited()
     _, ticks = jax.jit(on.rollout.record)(params, settings, np.asarray(values, np.float32), nominal_trial())
-    return jump_record(jax.tree.map(np.asarray, ticks), drive)
+    record = gait_record if on.definition.task in GAITS else jump_record
+    return record(jax.tree.map(np.asarray, ticks), drive)
 
 
 def parameter_fields(

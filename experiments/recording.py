@@ -4,9 +4,10 @@ import io
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from experiments.files import write_bytes
-from experiments.reports.recording import JumpRecord
+from experiments.reports.recording import GaitRecord, JumpRecord, Recording
 from experiments.rollout import Tick
 
 STANDING_AFTER = 0.5  # s after touch-down, when the landing's height is reached (the controller's landing time)
@@ -14,32 +15,73 @@ STANDING_AFTER = 0.5  # s after touch-down, when the landing's height is reached
 
 def jump_record(ticks: Tick, drive: str) -> JumpRecord:
     """The ticks of a squat jump as the report shows them; states are those at the end of each tick."""
-    host = lambda x: np.asarray(x)  # noqa: E731
-    after, drive_output, bodies = ticks.after, ticks.output.drive, ticks.output.bodies
-    phase = host(ticks.info.phase).round().astype(int)
-    time = host(ticks.time).astype(float)
+    time, phase = np.asarray(ticks.time, float), np.asarray(ticks.info.phase).round().astype(int)
     landing = np.flatnonzero(phase == 3)
     if len(landing):
         phase = np.where((phase == 3) & (time > time[landing[0]] + STANDING_AFTER), 4, phase)
-    return JumpRecord(
+    desired_height = np.asarray(ticks.info.desired_height)
+    return JumpRecord(drive=drive, **_signals(ticks), desired_height=desired_height, phase=phase)
+
+
+def gait_record(ticks: Tick, drive: str) -> GaitRecord:
+    """The ticks of a gait as the report shows them; states are those at the end of each tick."""
+    info, u = ticks.info, np.asarray(ticks.after.bodies.u)
+    normal = np.asarray(info.plane.normal_W)
+    R_WB, seen = _rotations(np.asarray(ticks.after.bodies.q)[:, 3:7]), ticks.robot
+    omega_W = np.einsum("tij,tj->ti", R_WB, u[:, 3:6])
+    seen_omega_W = np.einsum("tij,tj->ti", seen.R_WB, seen.omega_B)
+    cycle = np.asarray(info.phase)
+    return GaitRecord(
         drive=drive,
-        time=time,
-        q=host(after.bodies.q),
-        u=host(after.bodies.u),
-        foot_position=host(bodies.r_WF),
-        contact_force=host(bodies.contact_force),
-        joint_torque=host(drive_output.torque),
-        wanted_velocity=host(drive_output.wanted_velocity),
-        commanded_velocity=host(drive_output.commanded_velocity),
-        motor_velocity=host(after.drive.motor_velocity),
-        current=host(drive_output.peak_current),
-        voltage=host(drive_output.peak_voltage),
-        desired_height=host(ticks.info.desired_height),
-        phase=phase,
+        **_signals(ticks),
+        desired_height=np.asarray(info.torso.r_WB)[:, 2] + _drift(ticks),
+        phase=np.concatenate([[0], np.cumsum(np.diff(cycle) < 0)]) + np.maximum.accumulate(cycle > 0),
+        planned_stance=np.asarray(info.planned_stance),
+        command=np.stack([np.asarray(c) for c in info.command], 1),
+        velocity=_in_control_frame(R_WB, normal, u[:, :3], omega_W),
+        estimated_velocity=_in_control_frame(np.asarray(seen.R_WB), normal, np.asarray(seen.v_WB), seen_omega_W),
+        pitch=-np.arcsin(np.clip(R_WB[:, 2, 0], -1.0, 1.0)),
+        desired_pitch=-np.arcsin(np.clip(np.asarray(info.torso.R_WB)[:, 2, 0], -1.0, 1.0)),
     )
 
 
-def write_motion(path: Path, record: JumpRecord) -> None:
+def _drift(ticks: Tick) -> np.ndarray:
+    """How much higher the torso is than the controller believes (T,), m: its estimate of position drifts."""
+    return np.asarray(ticks.before.bodies.q)[:, 2] - np.asarray(ticks.robot.r_WB)[:, 2]
+
+
+def _in_control_frame(R_WB: np.ndarray, normal: np.ndarray, v_W: np.ndarray, omega_W: np.ndarray) -> np.ndarray:
+    """Speed along the heading, to the left, and turning (T, 3) on a ground with normals (T, 3)."""
+    x = R_WB[:, :, 0] - normal * (R_WB[:, :, 0] * normal).sum(1, keepdims=True)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([(v_W * x).sum(1), (v_W * np.cross(normal, x)).sum(1), (omega_W * normal).sum(1)], 1)
+
+
+def _rotations(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrices (T, 3, 3), torso to world, of quaternions w x y z (T, 4)."""
+    return Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).as_matrix()
+
+
+def _signals(ticks: Tick) -> dict[str, np.ndarray]:
+    """What every recording has."""
+    after, drive, bodies = ticks.after, ticks.output.drive, ticks.output.bodies
+    found = {
+        "time": np.asarray(ticks.time, float),
+        "q": after.bodies.q,
+        "u": after.bodies.u,
+        "foot_position": bodies.r_WF,
+        "contact_force": bodies.contact_force,
+        "joint_torque": drive.torque,
+        "wanted_velocity": drive.wanted_velocity,
+        "commanded_velocity": drive.commanded_velocity,
+        "motor_velocity": after.drive.motor_velocity,
+        "current": drive.peak_current,
+        "voltage": drive.peak_voltage,
+    }
+    return {name: np.asarray(value) for name, value in found.items()}
+
+
+def write_motion(path: Path, record: Recording) -> None:
     """The motion as compressed NumPy arrays by name (no pickle), written atomically."""
     buffer = io.BytesIO()
     arrays = {name: value for name, value in vars(record).items() if isinstance(value, np.ndarray)}

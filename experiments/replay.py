@@ -10,11 +10,11 @@ import numpy as np
 
 from experiments.effects.effect import Effect
 from experiments.errors import UserError
+from experiments.imu_sensing import make_sensing
 from experiments.model import Model
 from experiments.parameter_file import ParameterFile, read_parameters
 from experiments.plant import make_plant
 from experiments.rollout import Rollout, Score, Tick
-from experiments.sensing import DirectSensing
 from experiments.stepping import ENGINES, run_with_engine
 from experiments.tasks.definition import TaskDefinition, load_task
 from experiments.tasks.registry import make_task, metric_units
@@ -59,7 +59,7 @@ def replay(
     if engine not in ENGINES:
         raise UserError(f"No engine '{engine}'; choose one of {', '.join(ENGINES)}.")
     plant = make_plant(model, drive, library)
-    rollout = Rollout(plant, make_task(definition, model), DirectSensing())
+    rollout = Rollout(plant, make_task(definition, model), make_sensing(definition.stages[-1].sensing, model))
     values = jnp.asarray(values, jnp.float32)
     if engine == "moreau":
         run = jax.jit(rollout.record)(plant.params, rollout.task.settings, values, nominal_trial())

@@ -26,6 +26,7 @@ from experiments.effects.library import LIBRARY
 from experiments.errors import UserError
 from experiments.evaluation import Evaluation, crossed
 from experiments.export import Judged, export, versions
+from experiments.imu_sensing import make_sensing
 from experiments.model import Model
 from experiments.perturbations import Perturbations, nominal_columns
 from experiments.run_folder import RunFolder
@@ -78,30 +79,34 @@ class StagedEvaluation:
         self.options = options
         self.mesh = device_mesh(jax.local_devices()[: options.devices] if options.devices else None)
         self.stages = {stage.name: stage for stage in options.definition.stages}
-        self._by_drive: dict[str, Evaluation] = {}
+        self._evaluations: dict[tuple[str, str], Evaluation] = {}
 
-    def on(self, drive: str) -> Evaluation:
-        """The evaluation on a drive, compiled at its first use."""
-        drive = self.options.drive if self.options.drive and drive == "full" else drive
-        if drive not in self._by_drive:
-            o = self.options
-            self._by_drive[drive] = Evaluation(o.model, o.definition, drive, o.library, self.mesh, CHUNK)
-        return self._by_drive[drive]
+    def on(self, drive: str, sensing: str | None = None) -> Evaluation:
+        """The evaluation on a drive, compiled at its first use. sensing: that of the last stage unless given."""
+        o = self.options
+        drive = o.drive if o.drive and drive == "full" else drive
+        sensing = sensing or o.definition.stages[-1].sensing
+        if (drive, sensing) not in self._evaluations:
+            seen = make_sensing(sensing, o.model)
+            self._evaluations[drive, sensing] = Evaluation(
+                o.model, o.definition, drive, o.library, self.mesh, CHUNK, seen
+            )
+        return self._evaluations[drive, sensing]
 
     def compile_ahead(self) -> None:
         """Compile the later stages' programs on another core while the first stage is being compiled and searched."""
         if jax.process_count() > 1:
             return  # these scores would cross with those of the search on their way between the processes
-        _, *later = dict.fromkeys(stage.drive for stage in self.options.definition.stages)
+        _, *later = dict.fromkeys((stage.drive, stage.sensing) for stage in self.options.definition.stages)
         guess = self.options.definition.space().initial[None]
-        for drive in later:
-            evaluation = self.on(drive)
+        for drive, sensing in later:
+            evaluation = self.on(drive, sensing)
             members = crossed(np.repeat(guess, self.options.definition.population, 0), *self.options.nominal())
             threading.Thread(target=evaluation.scores, args=(members,), daemon=True, name=f"compile {drive}").start()
 
     def __call__(self, stage: Stage, candidates: np.ndarray, key: jax.Array) -> tuple[np.ndarray, Any]:
         definition = self.stages[stage.name]
-        evaluation = self.on(definition.drive)
+        evaluation = self.on(definition.drive, definition.sensing)
         numbers, noise = self.options.trials(key, definition.trials) if definition.perturbed else self.options.nominal()
         score = evaluation.scores(crossed(candidates, numbers, noise), definition.torque_limit)
         costs = score.cost.reshape(len(candidates), -1)

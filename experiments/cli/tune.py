@@ -19,6 +19,7 @@ Ctrl-C and SIGTERM leave a resumable run: the same command continues it, to the 
 --distributed: several processes, on one machine or many, search one population; the result is the same to the bit.
 
     starleth tune squat_jump
+    starleth tune running_trot        or walking_trot, lateral_walk, bound, pronk
     starleth tune squat_jump --generations 100 --seed 3 --output runs/jump3
     starleth tune squat_jump --model learned_model.json
 """
@@ -29,7 +30,9 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    task: Annotated[str, typer.Argument(help="A task by name (squat_jump, …) or your own task file (.json).")],
+    task: Annotated[
+        str, typer.Argument(help="A task by name (squat_jump, running_trot, …) or your own task file (.json).")
+    ],
     model: ModelOption = None,
     drive: Annotated[
         str, typer.Option(help="Drive of the last stages: full, cheap (no current loop) or ideal.")
@@ -41,7 +44,7 @@ def command(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the run. Default: runs/TASK.")
     ] = None,
-    perturbations: Annotated[Path | None, typer.Option(help="Perturbation file for the judging trials.")] = None,
+    perturbations: Annotated[Path | None, typer.Option(help="Perturbation file in place of the task's own.")] = None,
     effects: EffectsOption = None,
     distributed: Annotated[
         bool, typer.Option("--distributed", help="One of several processes of one search, as the cluster says.")
@@ -60,7 +63,7 @@ def command(
     from experiments.effects.library import load_effects
     from experiments.errors import UserError
     from experiments.model import load_model
-    from experiments.perturbations import load_perturbations
+    from experiments.perturbations import load_perturbations, parse_perturbations
     from experiments.tasks.definition import load_task
     from experiments.tune import TuneOptions, tune
     from sea_jax import DRIVES
@@ -74,7 +77,12 @@ def command(
     if population is not None:
         definition = definition.model_copy(update={"population": population})
     robot = load_model(model, library)
-    chosen = load_perturbations(perturbations, robot)
+    if perturbations is None and definition.perturbations:
+        chosen = parse_perturbations(
+            definition.perturbations, f"the perturbations of {definition.task}", robot, library
+        )
+    else:
+        chosen = load_perturbations(perturbations, robot)
     options = TuneOptions(
         definition, robot, seed, chosen, None if drive == "full" else drive, library=library, devices=devices
     )

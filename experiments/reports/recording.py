@@ -17,6 +17,12 @@ _SHAPES: Final = {
     "contact_force": (4, 3),
     "desired_height": (),
     "phase": (),
+    "planned_stance": (4,),
+    "command": (3,),
+    "velocity": (3,),
+    "estimated_velocity": (3,),
+    "pitch": (),
+    "desired_pitch": (),
 }
 
 
@@ -79,6 +85,20 @@ class JumpRecord(Recording):
         """Sample at which the flight begins; the last one if it never does."""
         start = self.start_of("flight")
         return len(self.time) - 1 if start is None else start
+
+
+@dataclass(frozen=True, eq=False)
+class GaitRecord(Recording):
+    """A recorded gait. Velocities along heading, to the left, and turning, in the plane of the ground."""
+
+    desired_height: np.ndarray  # (T,) of the torso, m
+    phase: np.ndarray  # (T,) strides begun so far, 0 while standing at the start
+    planned_stance: np.ndarray  # (T, 4) 1 where the plan has the leg on the ground
+    command: np.ndarray  # (T, 3) m/s, m/s, rad/s
+    velocity: np.ndarray  # (T, 3) reached
+    estimated_velocity: np.ndarray  # (T, 3) as the controller saw it
+    pitch: np.ndarray  # (T,) of the torso against the level, nose down > 0, rad
+    desired_pitch: np.ndarray  # (T,) rad
 
 
 @dataclass(frozen=True, eq=False)

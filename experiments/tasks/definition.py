@@ -33,6 +33,7 @@ class StageDefinition(_Strict):
 
     name: Annotated[str, Field(max_length=80)]
     drive: Literal["ideal", "cheap", "full"]
+    sensing: Literal["direct", "estimated"] = "direct"  # perfect state, or what the robot's own senses tell
     generations: Annotated[int, Field(ge=1, le=100_000)]
     torque_limit: Annotated[float, Field(gt=0, le=100)] = 1.0  # factor on the joint torque limits of the ideal drive
     sigma_floor: Annotated[float, Field(ge=0, le=1)] = 0.0

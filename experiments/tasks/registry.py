@@ -5,10 +5,11 @@ from collections.abc import Mapping
 from experiments.errors import UserError
 from experiments.model import Model
 from experiments.rollout import Task
-from experiments.tasks import squat_jump
+from experiments.tasks import gait, squat_jump
 from experiments.tasks.definition import TaskDefinition
 
-MODULES: Mapping[str, object] = {"squat_jump": squat_jump}
+GAITS = ("running_trot", "walking_trot", "lateral_walk", "bound", "pronk")
+MODULES: Mapping[str, object] = {"squat_jump": squat_jump} | dict.fromkeys(GAITS, gait)
 
 
 def make_task(definition: TaskDefinition, model: Model) -> Task:

@@ -1,0 +1,255 @@
+"""Periodic gaits as tasks (V.C.3): walk, trot, bound and pronk in the closed loop, with the cost terms the paper names."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from controller_jax import locomotion
+from controller_jax.geometry import geometry_from_numbers
+from controller_jax.joint_torques import joint_torques, weight_torque
+from controller_jax.leg_kinematics import leg_kinematics
+from controller_jax.locomotion import GaitParams, LocomotionState
+from controller_jax.types import JointTargets, LegGeometry, RobotState
+from controller_jax.velocity_command import VelocityCommand
+from experiments.errors import UserError
+from experiments.model import Model
+from experiments.plant import Plant, PlantParams, PlantState
+from experiments.rollout import Score, Tick
+from experiments.sensing import CONTACT_FORCE, rotation_matrix
+from experiments.tasks.definition import TaskDefinition, check_weights
+from experiments.tasks.gait_parameters import check_names, controller_from_settings, with_values
+from experiments.trial import Trial
+
+Array = jax.Array
+
+TERMS = (
+    "fall",
+    "flight",
+    "schedule",
+    "speed",
+    "drift",
+    "turning",
+    "unrest",
+    "slip",
+    "tracking",
+    "cone",
+    "joint_stop",
+)
+FALLEN_HEIGHT = 0.2  # m, torso above the lowest foot's centre: lower than any gait
+FALLEN_TILT = 0.6  # cosine of the angle between torso and ground
+CONE_EDGE = 0.8  # share of the friction cone beyond which a desired force is charged (FACTS 3.5)
+STOP_MARGIN = 0.05  # rad, software margin before the joint stops (FACTS 1)
+SETTLING_TIME = 1.0  # s from the end of the blend until the gait is judged
+
+
+class GaitSettings(NamedTuple):
+    """What is not searched, beside the searched numbers' first values."""
+
+    geometry: LegGeometry
+    distribution: Any  # of the force distribution; replaces the one in `controller`
+    controller: GaitParams
+    command: VelocityCommand
+    flight: Array  # () wanted share of the stride with all feet in the air
+    turn_start: Array  # () s, when the turning command sets in
+
+
+class GaitTally(NamedTuple):
+    """Sums over the ticks after the gait has settled in, unless said."""
+
+    time: Array  # s
+    upright: Array  # s since the start without a fall
+    fallen: Array  # 1.0 after a fall
+    flight: Array  # s with all feet in the air
+    schedule: Array  # s, feet whose contact is not as planned, mean of the four
+    velocity_C: Array  # (2,) m, way in heading and lateral direction
+    turned: Array  # rad
+    unrest: Array  # rad^2/s, roll and pitch rates off the desired ones, squared
+    slip: Array  # m
+    tracking: Array  # (N^2 + (N m)^2) s
+    cone: Array  # s
+    joint_stop: Array  # rad s
+    residual: Array  # N, largest violation of a contact law
+
+
+@dataclass(frozen=True, eq=False)
+class GaitTask:
+    """Static half of the task; see the JSON files beside."""
+
+    name: str
+    names: tuple[str, ...]  # of the searched parameters
+    ticks: int
+    period: float
+    settings: GaitSettings
+    weights: dict[str, float]
+
+    @property
+    def settled(self) -> float:
+        """Time from which the gait is judged: one second after the blend into it has ended."""
+        start = self.settings.controller.start
+        return float(start.stand) + float(start.blend) + SETTLING_TIME
+
+    def parameters(self, settings: GaitSettings, values: Array) -> GaitParams:
+        """The controller with the searched values (n,) put in."""
+        controller = settings.controller._replace(distribution=settings.distribution)
+        return with_values(controller, self.names, values)
+
+    def start(
+        self, plant: Plant, params: PlantParams, settings: GaitSettings, values: Array, trial: Trial
+    ) -> tuple[PlantState, LocomotionState]:
+        """Standing on the ground, aligned with its slope."""
+        normal = params.bodies.terrain.normal
+        joints = jnp.asarray(plant.bodies.stance[7:])
+        legs = leg_kinematics(settings.geometry, joints)
+        height = settings.geometry.foot_radius - legs.r_BF_B[:, 2].mean()
+        half = jnp.stack([1.0 + normal[2], -normal[1], normal[0], jnp.zeros(())])  # turns world z onto the normal
+        quaternion = half / jnp.sqrt((half * half).sum())
+        q = jnp.concatenate([(params.bodies.terrain.offset + height) * normal, quaternion, joints])
+        robot = RobotState(
+            q[:3], rotation_matrix(quaternion), jnp.zeros(3), jnp.zeros(3), joints, jnp.zeros(12), jnp.ones(4)
+        )
+        weight = weight_torque(settings.geometry, legs, jnp.eye(3))
+        share = 0.25 * settings.geometry.gravity * params.bodies.mass.sum()
+        force = jnp.zeros((4, 3)).at[:, 2].set(share)
+        torque = joint_torques(force, legs.J_BF_B, weight)
+        return plant.initial_state(params, q, torque), locomotion.init(settings.geometry, robot)
+
+    def control(
+        self, settings: GaitSettings, values: Array, state: LocomotionState, robot: RobotState, time: Array
+    ) -> tuple[LocomotionState, JointTargets, locomotion.LocomotionInfo]:
+        command = settings.command
+        command = command._replace(turning=jnp.where(time >= settings.turn_start, command.turning, 0.0))
+        params = self.parameters(settings, values)
+        return locomotion.step(params, settings.geometry, state, robot, command, time, jnp.float32(self.period))
+
+    def first_tally(self) -> GaitTally:
+        zero = jnp.zeros(())
+        return GaitTally(*(zero,) * 5, jnp.zeros(2), *(zero,) * 7)
+
+    def observe(self, tally: GaitTally, tick: Tick) -> GaitTally:
+        dt, info, bodies = self.period, tick.info, tick.output.bodies
+        q, u = tick.after.bodies.q, tick.after.bodies.u
+        R = rotation_matrix(q[3:7])
+        normal = info.plane.normal_W
+        height = ((q[None, :3] - bodies.r_WF) * normal[None]).sum(-1).max()  # above the lowest foot
+        down = (height < FALLEN_HEIGHT) | ((R[:, 2] * normal).sum() < FALLEN_TILT)
+        fallen = jnp.maximum(tally.fallen, as_float(down))
+        up = 1.0 - fallen
+        settled = up * as_float(tick.time >= self.settled)
+        pressed = (bodies.contact_force**2).sum(-1) >= CONTACT_FORCE**2
+        aloft = 1.0 - as_float(pressed.any())
+        off_plan = jnp.abs(as_float(pressed) - info.planned_stance).mean()
+        heading = R[:, 0] - normal * (R[:, 0] * normal).sum()
+        heading = heading / jnp.sqrt((heading * heading).sum() + 1e-12)
+        lateral = jnp.cross(normal, heading)
+        v = jnp.stack([(u[:3] * heading).sum(), (u[:3] * lateral).sum()])
+        rates = u[3:6] - (R * info.torso.omega_W[:, None]).sum(0)
+        slide = (jnp.sqrt((bodies.slip_velocity**2).sum(-1) + 1e-12) * as_float(pressed)).sum()
+        limits = self.settings.geometry.position_limits
+        low, high = limits[:, 0] + STOP_MARGIN - q[7:], q[7:] - limits[:, 1] + STOP_MARGIN
+        use = jnp.sqrt((info.force_C[:, :2] ** 2).sum(-1) + 1e-12) / jnp.maximum(info.force_C[:, 2], 1.0)
+        use = use / self.settings.distribution.friction
+        return GaitTally(
+            time=tally.time + dt * settled,
+            upright=tally.upright + dt * up,
+            fallen=fallen,
+            flight=tally.flight + dt * settled * aloft,
+            schedule=tally.schedule + dt * settled * off_plan,
+            velocity_C=tally.velocity_C + dt * settled * v,
+            turned=tally.turned + dt * settled * (u[3:6] * (R * normal[:, None]).sum(0)).sum(),
+            unrest=tally.unrest + dt * settled * (rates[:2] ** 2).sum(),
+            slip=tally.slip + dt * settled * slide,
+            tracking=tally.tracking + dt * settled * (info.tracking_C**2).sum(),
+            cone=tally.cone + dt * settled * (jnp.maximum(use - CONE_EDGE, 0.0) * info.support).mean(),
+            joint_stop=tally.joint_stop + dt * settled * (jnp.maximum(low, 0) + jnp.maximum(high, 0)).sum(),
+            residual=jnp.maximum(tally.residual, bodies.contact_residual),
+        )
+
+    def score(self, values: Array, tally: GaitTally, failed: Array, last: PlantState) -> Score:
+        w, settings = self.weights, self.settings
+        duration = self.ticks * self.period
+        judged = jnp.maximum(tally.time, self.period)
+        command, speed = settings.command, tally.velocity_C / judged
+        turning = tally.turned / judged
+        aloft = tally.flight / judged
+        shortfall = jnp.maximum(settings.flight - aloft, 0.0) / jnp.maximum(settings.flight, 1e-3)
+        fell = jnp.maximum(tally.fallen, failed)
+        terms = {
+            # graded: the later a robot falls, the better; what it did not live to do cannot count in its favour
+            "fall": w["fall"] * (1.0 - tally.upright / duration) * fell,
+            "flight": w["flight"] * shortfall,
+            "schedule": w["schedule"] * tally.schedule / judged,
+            "speed": w["speed"] * jnp.abs(speed[0] - command.heading),
+            "drift": w["drift"] * jnp.abs(speed[1] - command.lateral),
+            "turning": w["turning"] * jnp.abs(turning - command.turning),
+            "unrest": w["unrest"] * jnp.sqrt(tally.unrest / judged),
+            "slip": w["slip"] * tally.slip / judged,
+            "tracking": w["tracking"] * jnp.sqrt(tally.tracking / judged),
+            "cone": w["cone"] * tally.cone / judged,
+            "joint_stop": w["joint_stop"] * tally.joint_stop / judged,
+        }
+        stride = self.parameters(settings, values).gait.cycle_duration
+        metrics = {
+            "cycles": jnp.maximum(tally.upright - float(settings.controller.start.stand), 0.0) / stride,
+            "upright_time": tally.upright,
+            "survived": 1.0 - fell,
+            "heading_speed": speed[0],
+            "lateral_speed": speed[1],
+            "turning_rate": turning,
+            "flight_fraction": aloft,
+            "schedule_mismatch": tally.schedule / judged,
+            "slip_speed": tally.slip / judged,
+            "contact_residual": tally.residual,
+            "success": 1.0 - fell,
+        }
+        cost = sum(terms.values())
+        return Score(jnp.where(jnp.isfinite(cost), cost, 2 * w["fall"]), terms, metrics)
+
+
+METRIC_UNITS = {
+    "cycles": "1",
+    "upright_time": "s",
+    "survived": "bool",
+    "heading_speed": "m/s",
+    "lateral_speed": "m/s",
+    "turning_rate": "rad/s",
+    "flight_fraction": "1",
+    "schedule_mismatch": "1",
+    "slip_speed": "m/s",
+    "contact_residual": "N",
+    "success": "bool",
+}
+
+
+def as_float(condition: Array) -> Array:
+    """1.0 where true."""
+    return condition.astype(jnp.float32)
+
+
+def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
+    """The task on a robot's numbers. Raises UserError for wrong weights, parameters or settings."""
+    task = definition.task
+    check_weights(definition.weights, TERMS, task)
+    names = tuple(parameter.name for parameter in definition.parameters)
+    check_names(names, task)
+    numbers = model.numbers.model_dump(mode="json")
+    geometry = geometry_from_numbers(numbers)
+    known = {"controller", "command", "flight", "turn_start"}
+    wrong = set(definition.settings) ^ known
+    if wrong:
+        raise UserError(f"Task {task}: its settings are {', '.join(sorted(known))}; correct the key '{min(wrong)}'.")
+    controller = controller_from_settings(definition.settings["controller"], geometry.torque_limits, task)
+    command = definition.settings["command"]
+    if set(command) != set(VelocityCommand._fields):
+        raise UserError(f"Task {task}: settings.command needs {', '.join(VelocityCommand._fields)}.")
+    settings = GaitSettings(
+        geometry=geometry,
+        distribution=controller.distribution,
+        controller=controller,
+        command=VelocityCommand(**{name: jnp.float32(value) for name, value in command.items()}),
+        flight=jnp.float32(definition.settings["flight"]),
+        turn_start=jnp.float32(definition.settings["turn_start"]),
+    )
+    period = numbers["loops"]["control_period"]
+    return GaitTask(task, names, round(definition.duration / period), period, settings, definition.weights)

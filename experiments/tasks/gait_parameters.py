@@ -1,0 +1,145 @@
+"""Names of the gait controller's numbers: which of them a task may search, and how a file gives all of them.
+
+What all gaits share stands in gait_controller.json; a task file gives what differs.
+"""
+
+from collections.abc import Mapping, Sequence
+from importlib import resources
+from types import MappingProxyType
+from typing import Any, Final, get_type_hints
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from controller_jax.locomotion import GaitParams
+from experiments.errors import UserError
+from experiments.files import read_json
+
+MAX_BYTES = 1_000_000
+# Numbers of the controller that are vectors, and their lengths; all others are scalars.
+VECTORS: Final[Mapping[str, int]] = MappingProxyType(
+    dict.fromkeys((f"gains.{kind}_{gain}" for kind in ("force", "torque") for gain in "pid"), 3)
+    | dict.fromkeys(("torso.once_per_cycle", "torso.twice_per_cycle", "torso.speed_lead"), 2)
+    | dict.fromkeys(("foothold.heading_offset", "foothold.lateral_offset"), 2)
+    | {"distribution.wrench_weight": 6, "swing.position_lead": 3}
+)
+
+Array = jax.Array
+
+# Searchable name -> the places of GaitParams that take its value: fields, and the index where the last is a vector.
+PARAMETERS: Final[Mapping[str, tuple[tuple[str | int, ...], ...]]] = MappingProxyType(
+    {
+        "cycle_duration": (("gait", "cycle_duration"),),
+        "duty_factor": (("gait", "fore_duty"), ("gait", "hind_duty")),
+        "fore_duty_factor": (("gait", "fore_duty"),),
+        "hind_duty_factor": (("gait", "hind_duty"),),
+        "fore_lag": (("gait", "fore_lag"),),
+        "hind_lag": (("gait", "hind_lag"),),
+        "pair_lag": (("gait", "pair_lag"),),
+        "torso_height": (("torso", "height"),),
+        "once_per_cycle": (("torso", "once_per_cycle", 0), ("torso", "once_per_cycle", 1)),
+        "twice_per_cycle": (("torso", "twice_per_cycle", 0), ("torso", "twice_per_cycle", 1)),
+        "fore_once_per_cycle": (("torso", "once_per_cycle", 0),),
+        "hind_once_per_cycle": (("torso", "once_per_cycle", 1),),
+        "fore_twice_per_cycle": (("torso", "twice_per_cycle", 0),),
+        "hind_twice_per_cycle": (("torso", "twice_per_cycle", 1),),
+        "phase_shift": (("torso", "phase_shift"),),
+        "hop": (("torso", "hop"),),
+        "hop_pitch": (("torso", "hop_pitch"),),
+        "heading_lead": (("torso", "speed_lead", 0),),
+        "swing_apex": (("swing", "apex_height"),),
+        "balance_feedback": (("foothold", "feedback"),),
+        "speed_feed_forward": (("foothold", "feed_forward"),),
+        "fore_heading_offset": (("foothold", "heading_offset", 0),),
+        "hind_heading_offset": (("foothold", "heading_offset", 1),),
+        "lateral_offset": (("foothold", "lateral_offset", 0), ("foothold", "lateral_offset", 1)),
+        "heading_damping": (("gains", "force_d", 0),),
+        "lateral_stiffness": (("gains", "force_p", 1),),
+        "lateral_damping": (("gains", "force_d", 1),),
+        "vertical_stiffness": (("gains", "force_p", 2),),
+        "vertical_damping": (("gains", "force_d", 2),),
+        "roll_stiffness": (("gains", "torque_p", 0),),
+        "roll_damping": (("gains", "torque_d", 0),),
+        "pitch_stiffness": (("gains", "torque_p", 1),),
+        "pitch_damping": (("gains", "torque_d", 1),),
+        "yaw_damping": (("gains", "torque_d", 2),),
+    }
+)
+
+
+def with_values(controller: GaitParams, names: Sequence[str], values: Array) -> GaitParams:
+    """The controller with values (n,) put in the places of their names."""
+    for index, name in enumerate(names):
+        for place in PARAMETERS[name]:
+            controller = _put(controller, place, values[index])
+    return controller
+
+
+def _put(node: Any, place: tuple[str | int, ...], value: Array) -> Any:
+    head, *rest = place
+    if isinstance(head, int):
+        return node.at[head].set(value)
+    return node._replace(**{head: _put(getattr(node, head), tuple(rest), value) if rest else value})
+
+
+def check_names(names: Sequence[str], task: str) -> None:
+    """Raises UserError for a parameter that the gait controller does not have."""
+    for name in names:
+        if name not in PARAMETERS:
+            raise UserError(f"Task {task}: no parameter '{name}'; choose among {', '.join(PARAMETERS)}.")
+
+
+def controller_from_settings(numbers: Mapping[str, Any], torque_limits: Array, task: str) -> GaitParams:
+    """The controller of a task file: nested objects named as the fields of GaitParams, vectors as lists.
+
+    Numbers that the file does not give are those of gait_controller.json; the torque limits are the robot's. Raises
+    UserError for a missing, unknown or misformed number.
+    """
+    with resources.as_file(resources.files("experiments") / "gait_controller.json") as path:
+        shared = read_json(path, MAX_BYTES)
+    return _read(GaitParams, _merged(shared, numbers), {"distribution.torque_limits": torque_limits}, "", task)
+
+
+def _merged(shared: Any, own: Any) -> Any:
+    if not isinstance(own, Mapping):
+        return own
+    shared = shared if isinstance(shared, Mapping) else {}
+    return {**shared, **{name: _merged(shared.get(name), value) for name, value in own.items()}}
+
+
+def _read(kind: type, numbers: Any, given: Mapping[str, Array], path: str, task: str) -> Any:
+    if not isinstance(numbers, Mapping):
+        raise UserError(f"Task {task}: settings.controller{path and '.' + path} must be an object of named numbers.")
+    hints = get_type_hints(kind)
+    fields = [name for name in hints if _join(path, name) not in given]
+    wrong = set(numbers) ^ set(fields)
+    if wrong:
+        name = min(wrong)
+        what = "lacks" if name in fields else "does not know"
+        raise UserError(f"Task {task}: settings.controller{path and '.' + path} {what} '{name}'.")
+    values = {}
+    for name, hint in hints.items():
+        where = _join(path, name)
+        if where in given:
+            values[name] = given[where]
+        elif hasattr(hint, "_fields"):
+            values[name] = _read(hint, numbers[name], given, where, task)
+        else:
+            values[name] = _number(numbers[name], VECTORS.get(where, 0), where, task)
+    return kind(**values)
+
+
+def _number(value: Any, length: int, where: str, task: str) -> Array:
+    try:
+        array = np.asarray(value, np.float32)
+    except (TypeError, ValueError):
+        array = np.asarray(np.nan)
+    if array.shape != ((length,) if length else ()) or not np.all(np.isfinite(array)):
+        wanted = f"a list of {length} numbers" if length else "a number"
+        raise UserError(f"Task {task}: settings.controller.{where} must be {wanted}.")
+    return jnp.asarray(array)
+
+
+def _join(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name

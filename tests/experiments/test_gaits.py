@@ -1,0 +1,207 @@
+"""Gaits as tasks: their files, the closed loop with the robot's own senses, the report, and the found parameters."""
+
+from importlib import resources
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from controller_jax.locomotion import GaitParams
+from experiments.batch import device_mesh
+from experiments.effects import LIBRARY
+from experiments.errors import UserError
+from experiments.evaluation import Evaluation, crossed
+from experiments.imu_sensing import make_sensing
+from experiments.model import nominal_model
+from experiments.parameter_file import Metric, now, parameter, read_parameters, write_parameters
+from experiments.perturbations import parse_perturbations
+from experiments.plant import make_plant
+from experiments.recording import gait_record
+from experiments.replay import load_motion, replay
+from experiments.reports.gait import last_strides, stride_duration, write_gait_report
+from experiments.reports.gait_figures import over_strides, stretches
+from experiments.rollout import Rollout
+from experiments.tasks.definition import load_task
+from experiments.tasks.gait_parameters import PARAMETERS, controller_from_settings, with_values
+from experiments.tasks.registry import GAITS, make_task, metric_units
+from experiments.trial import Trial, noise_table
+
+MODEL = nominal_model()
+FOUND = resources.files("experiments") / "examples"
+CONTACT = 10.0  # N
+SEEDS, CYCLES = 100, 20
+UNSEEN = 20_000  # seed of trials that no search has seen: searches use the task's seed and the stream of its judge
+
+
+@pytest.mark.parametrize("name", GAITS)
+def test_task_searches_18_parameters_from_perfect_torque_to_the_full_model(name: str) -> None:
+    definition = load_task(name)
+    task = make_task(definition, MODEL)
+    assert len(definition.parameters) == 18
+    first, last = definition.stages[0], definition.stages[-1]
+    assert (first.drive, first.sensing, first.perturbed) == ("ideal", "direct", False)
+    assert (last.drive, last.sensing, last.perturbed) == ("full", "estimated", True)
+    draw = parse_perturbations(definition.perturbations, name, MODEL).names
+    assert {"push_x", "push_y", "slope_x", "obstacle_height", "sensor_noise"} <= set(draw)
+    assert task.settled < definition.duration - 2 * definition.space().named(definition.space().high)["cycle_duration"]
+
+
+def test_values_go_where_their_names_say() -> None:
+    settings = load_task("bound").settings["controller"]
+    controller = controller_from_settings(settings, jnp.ones((12, 2)), "bound")
+    names = ("duty_factor", "hind_heading_offset", "pitch_damping")
+    changed = with_values(controller, names, jnp.array([0.6, 0.01, 7.0]))
+    assert float(changed.gait.fore_duty) == float(changed.gait.hind_duty) == np.float32(0.6)
+    np.testing.assert_array_equal(changed.foothold.heading_offset, np.float32([0.0, 0.01]))
+    np.testing.assert_array_equal(changed.gains.torque_d, np.float32([6.0, 7.0, 100.0]))
+    leaves = sum(a is not b for a, b in zip(jax.tree.leaves(changed), jax.tree.leaves(controller), strict=True))
+    assert leaves == 4, "nothing else may change"
+
+
+def test_every_name_has_a_place() -> None:
+    controller = controller_from_settings(load_task("pronk").settings["controller"], jnp.ones((12, 2)), "pronk")
+    for name in PARAMETERS:
+        assert isinstance(with_values(controller, (name,), jnp.array([0.5])), GaitParams)
+
+
+@pytest.mark.parametrize(
+    "change, word",
+    [
+        ({"settings": {"controller": {"gait": {"pace": 1}}}}, "pace"),
+        ({"settings": {"controller": {"torso": {"height": "high"}}}}, "torso.height"),
+        ({"settings": {"controller": {"gains": {"force_p": [1.0, 2.0]}}}}, "gains.force_p"),
+        ({"weights": {"beauty": 1.0}}, "beauty"),
+    ],
+)
+def test_a_wrong_task_file_is_one_clear_sentence(change, word: str) -> None:
+    definition = load_task("running_trot")
+    content = definition.model_dump()
+    for key, value in change.items():
+        content[key] = _merge(content[key], value)
+    with pytest.raises(UserError, match=word) as error:
+        make_task(definition.model_copy(update={k: content[k] for k in change}), MODEL)
+    assert "\n" not in str(error.value)
+
+
+def _merge(old, new):
+    return {**old, **{k: _merge(old.get(k, {}), v) for k, v in new.items()}} if isinstance(new, dict) else new
+
+
+@pytest.fixture(scope="module")
+def trots():
+    """A trot on the ideal drive with the robot's own, noisy senses, beside a candidate that no loop survives."""
+    definition = load_task("walking_trot").model_copy(update={"duration": 4.0})
+    task = make_task(definition, MODEL)
+    rollout = Rollout(make_plant(MODEL, "ideal"), task, make_sensing("estimated", MODEL))
+    values = np.stack([definition.space().initial] * 2)
+    values[1, definition.space().names.index("vertical_damping")] = -1e6
+    noise = Trial({"sensor_noise": jnp.float32(1.0)}, noise_table(), jnp.int32(7))
+    run = jax.jit(jax.vmap(lambda v: rollout.record(rollout.plant.params, task.settings, v, noise)))
+    return definition, jax.tree.map(np.asarray, run(jnp.asarray(values)))
+
+
+def test_a_trot_keeps_its_plan_and_speed_with_its_own_senses(trots) -> None:
+    _, (score, ticks) = trots
+    record = gait_record(jax.tree.map(lambda x: x[0], ticks), "ideal")
+    late = record.time > 2.2
+    contact = np.linalg.norm(record.contact_force[late], axis=-1) >= CONTACT
+    assert score.metrics["survived"][0] == 1.0
+    assert (contact == record.planned_stance[late]).mean() > 0.9
+    assert 0.15 < record.velocity[late, 0].mean() < 0.45
+    # the filter knows the velocity to a tenth of the speed
+    error = (record.estimated_velocity - record.velocity)[late, :2]
+    assert np.sqrt((error**2).mean()) < 0.04
+    # what the score says is what the recording shows
+    assert score.metrics["heading_speed"][0] == pytest.approx(record.velocity[late, 0].mean(), abs=0.02)
+    np.testing.assert_allclose(
+        score.metrics["schedule_mismatch"][0], (contact != record.planned_stance[late]).mean(), atol=0.02
+    )
+
+
+def test_a_fall_is_graded_and_finite(trots) -> None:
+    _, (score, _) = trots
+    assert np.isfinite(score.cost).all()
+    assert score.metrics["survived"][1] == 0.0
+    assert score.cost[1] > score.cost[0] + 20.0
+    np.testing.assert_allclose(score.cost, sum(score.terms.values()), rtol=1e-5)
+
+
+def test_report_shows_the_gait_in_a_browser(trots, chromium, tmp_path: Path) -> None:
+    definition, (score, ticks) = trots
+    record = gait_record(jax.tree.map(lambda x: x[0], ticks), "ideal")
+    assert stride_duration(record) == pytest.approx(
+        definition.space().named(definition.space().initial)["cycle_duration"], abs=3e-3
+    )
+    assert len(last_strides(record, 2)) == 2
+    space = definition.space()
+    file = write_parameters(
+        tmp_path / "parameters.json",
+        task="walking_trot", robot="starleth", model_hash=MODEL.hash(), drive="ideal", seed=0, created=now(),
+        parameters=[parameter(p.name, p.initial, p.unit, p.low, p.high) for p in definition.parameters],
+        metrics={"heading_speed": Metric(value=float(score.metrics["heading_speed"][0]), unit="m/s")},
+        cost_terms={name: float(value[0]) for name, value in score.terms.items()},
+        search={}, versions={}, command="starleth replay run",
+    )  # fmt: skip
+    assert file.values() == pytest.approx(space.named(space.initial))
+    page = tmp_path / "report.html"
+    write_gait_report(page, file, MODEL.numbers, record)
+    chromium.open(page)
+    chromium.wait_for("document.querySelectorAll('.plot .main-svg').length >= 4")
+    assert chromium.problems == []
+    assert all(address.startswith(("file:", "data:", "blob:")) for address in chromium.requests)
+    assert "Walking trot" in chromium.evaluate("document.title")
+
+
+def test_stretches_and_means_over_strides() -> None:
+    time = np.arange(8) * 0.5
+    assert stretches(time, np.array([0, 1, 1, 0, 0, 1, 0, 1])) == [(0.5, 1.5), (2.5, 3.0), (3.5, 4.0)]
+    assert stretches(time, np.zeros(8)) == []
+    means = over_strides(np.arange(8.0)[:, None], time, 1.5)
+    np.testing.assert_allclose(means[1:7, 0], np.arange(1.0, 7.0))
+    assert np.isnan(means[[0, 7], 0]).all()
+
+
+def found(name: str) -> Path:
+    path = FOUND / f"{name}.json"
+    if not path.is_file():
+        pytest.skip(f"no example parameters of {name}")
+    return Path(str(path))
+
+
+@pytest.mark.parametrize("name", GAITS)
+def test_found_parameters_belong_to_their_task(name: str) -> None:
+    file = read_parameters(found(name))
+    assert file.task == name
+    assert set(file.values()) == set(load_task(name).space().names)
+    assert set(metric_units(name)) <= set(file.metrics)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", GAITS)
+def test_found_gait_keeps_going_and_the_initial_guess_does_not(name: str) -> None:
+    """100 unseen perturbed trials of 20 cycles in the full model with estimated state: at least 99 survive."""
+    motion = load_motion(found(name), MODEL)
+    definition = motion.definition
+    stride, start = motion.file.values()["cycle_duration"], 1.2
+    definition = definition.model_copy(update={"duration": start + CYCLES * max(stride, 0.5)})
+    evaluation = Evaluation(MODEL, definition, "full", LIBRARY, device_mesh(), 8)
+    law = parse_perturbations(definition.perturbations, name, MODEL)
+    trials = law.columns(jax.random.key(UNSEEN), SEEDS)
+    candidates = np.stack([motion.values, definition.space().initial])
+    survived = evaluation.scores(crossed(candidates, *trials)).metrics["survived"].reshape(2, SEEDS).sum(1)
+    assert survived[0] >= 99, f"{name}: {survived[0]:.0f} of {SEEDS} survive"
+    assert survived[1] < 50, f"{name}: the initial guess survives {survived[1]:.0f} of {SEEDS}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", GAITS)
+def test_found_gait_goes_as_fast_in_mujoco_c(name: str) -> None:
+    motion = load_motion(found(name), MODEL)
+    speeds = []
+    for engine in ("moreau", "mujoco_c"):
+        score, _ = replay(motion.values, motion.definition, MODEL, "full", engine, LIBRARY)
+        assert score.metrics["survived"] == 1.0, engine
+        speeds.append(float(score.metrics["heading_speed"]))
+    assert speeds[1] == pytest.approx(speeds[0], rel=0.1)
