@@ -6,6 +6,7 @@ import io
 import json
 import random
 import struct
+import warnings
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -160,7 +161,7 @@ def npz_file(data: bytes, chance: random.Random) -> bytes:
         members[victim] = npy(chance)
     buffer = io.BytesIO()
     packing = chance.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA))
-    with zipfile.ZipFile(buffer, "w", packing) as archive:
+    with zipfile.ZipFile(buffer, "w", packing) as archive, warnings.catch_warnings(action="ignore"):  # of equal names
         for name, content in members.items():
             archive.writestr(chance.choice((name, name, name, "../x.npy", "/etc/x.npy", "/", "a" * 300)), content)
     packed = buffer.getvalue()

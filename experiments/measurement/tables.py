@@ -3,6 +3,9 @@
 import csv
 import gzip
 import io
+import lzma
+import struct
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
@@ -34,6 +37,11 @@ LIMITS: Final = Limits()
 Columns = dict[str, NDArray[np.float64]]
 
 _CSV_BLOCK: Final = 1 << 22
+# what zipfile, its decompressors and NumPy's parser of headers raise
+_BAD_NPZ: Final = (
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, OSError, EOFError, ValueError, NotImplementedError),
+    *(RuntimeError, MemoryError, struct.error, tokenize.TokenError, SyntaxError, OverflowError),
+)
 _EXPLAINED_BYTES: Final = 1 << 26  # how far the slow search for a damaged row goes
 # what spreadsheets and pandas write for 'no value', beside the empty cell
 _NO_VALUE: Final = ["", "nan", "NaN", "NAN", "NA", "null"]
@@ -103,7 +111,7 @@ def read_npz(data: bytes, name: str, limits: Limits = LIMITS) -> Columns:
                     columns[column] = _npy(stream, member.file_size, name, column)
                 cells += columns[column].size
                 _check_cells(cells, name, limits)
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, NotImplementedError, RuntimeError) as error:
+    except _BAD_NPZ as error:
         raise UserError(f"{name} is not a readable NPZ file ({_brief(error)}).") from None
     return columns
 
