@@ -9,15 +9,16 @@ import numpy as np
 
 from es import SearchResult
 from experiments import parameter_file
-from experiments.parameter_file import Metric, PerturbedTrials, Spread, write_parameters
+from experiments.parameter_file import Metric, PerturbedTrials, Spread, gate, write_parameters
 from experiments.recording import gait_record, jump_record, write_motion
 from experiments.reports.gait import write_gait_report
 from experiments.reports.jump import write_jump_report
 from experiments.reports.recording import History, Recording
+from experiments.robustness_statistics import success_interval
 from experiments.rollout import Score
 from experiments.run_folder import RunFolder
 from experiments.tasks.registry import GAITS, metric_units
-from experiments.trial import nominal_trial
+from experiments.trial import Trial, noise_table
 
 if TYPE_CHECKING:
     from experiments.tune import StagedEvaluation, TuneOptions
@@ -32,6 +33,17 @@ class Judged(NamedTuple):
     nominal: Score  # NumPy scalars
     trials: Score  # leaves (K,)
     numbers: dict[str, np.ndarray]  # (K,) what was perturbed
+    required: float  # success rate of the robustness gate
+
+    @property
+    def successes(self) -> int:
+        """Of the perturbed trials."""
+        return int((self.trials.metrics["success"] > 0.5).sum())
+
+    @property
+    def passed(self) -> bool:
+        """Whether they show the required success rate with 95 % confidence."""
+        return success_interval(self.successes, len(self.trials.cost))[0] >= self.required
 
 
 def export(
@@ -62,7 +74,9 @@ def record_motion(evaluation: "StagedEvaluation", drive: str, values: np.ndarray
     """The nominal trial of a candidate, tick by tick, on one drive."""
     on = evaluation.on(drive)
     params, settings = on.limited()
-    _, ticks = jax.jit(on.rollout.record)(params, settings, np.asarray(values, np.float32), nominal_trial())
+    numbers, noise_start = evaluation.options.nominal()
+    trial = Trial({name: column[0] for name, column in numbers.items()}, noise_table(), noise_start[0])
+    _, ticks = jax.jit(on.rollout.record)(params, settings, np.asarray(values, np.float32), trial)
     record = gait_record if on.definition.task in GAITS else jump_record
     return record(jax.tree.map(np.asarray, ticks), drive)
 
@@ -75,6 +89,7 @@ def parameter_fields(
     space = definition.space()
     named = space.named(judged.values)
     trials = len(judged.trials.cost)
+    laws = {name: law.model_dump_json() for name, law in options.perturbations.draw.items()}
     return {
         "task": definition.task,
         "robot": ROBOT,
@@ -87,8 +102,9 @@ def parameter_fields(
         "perturbed": PerturbedTrials(
             trials=trials,
             seed=options.seed,
-            perturbations={name: law.model_dump_json() for name, law in options.perturbations.draw.items()},
+            perturbations=laws,
         ),
+        "robustness_gate": gate(judged.required, judged.successes, trials, options.seed, laws),
         "drive": drive,
         "seed": options.seed,
         "search": {

@@ -144,6 +144,8 @@ def _badness(table: Table, i: int) -> tuple[bool, float, int]:
 def summary(trials: PerturbedTrials, outcome: Outcome, command: str) -> dict[str, Any]:
     """The statistics of `robustness.json`; `command` is the one that is being run."""
     o, sample = trials.options, outcome.sample
+    standing = sample["success"] > 0.5
+    watched = standing if standing.any() else ~standing  # a robot that fell has no margins worth knowing
     low, high = success_interval(outcome.successes, outcome.trials)
     return {
         "trials": outcome.trials,
@@ -152,7 +154,7 @@ def summary(trials: PerturbedTrials, outcome: Outcome, command: str) -> dict[str
         "ci95": [low, high],
         "worst": [describe_trial(trials, row, command) for row in outcome.worst],
         "sensitivity": _sensitivity(o, sample),
-        "margins": {name: _spread(unit, sample[name]) for name, unit in MARGIN_UNITS.items()},
+        "margins": {name: _spread(unit, sample[name][watched]) for name, unit in MARGIN_UNITS.items()},
         "metrics": {
             n: _spread(u, sample[n]) for n, u in ({"cost": "1"} | trials.units).items() if n not in MARGIN_UNITS
         },

@@ -90,7 +90,10 @@ class RobustnessFile(_Record):
     gate: RobustnessGate | None = Field(default=None, description="null: not asked for")
     worst: list[WorstTrial]
     sensitivity: list[Sensitivity]
-    margins: dict[Name, Spread] = Field(description="distance to the robot's limits; 0 is at the limit")
+    margins: dict[Name, Spread] = Field(
+        description="distance to the nominal robot's limits at the tightest moment of the trials that succeed (of all, if "
+        "none does); 0 is at the limit, below it is beyond"
+    )
     metrics: dict[Name, Spread]
     survival: list[SurvivalCurve]
     sampled: Count = Field(description="trials, from the first on, that sensitivity, spreads and curves are taken over")

@@ -1,5 +1,6 @@
 """`starleth tune`: search a motion through its stages, judge it on unseen trials, write what the robot needs."""
 
+import contextlib
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -32,9 +33,11 @@ from experiments.perturbations import Perturbations, nominal_columns
 from experiments.run_folder import RunFolder
 from experiments.tasks.definition import TaskDefinition
 
+TAIL = 0.75  # of --risk cvar: the worst quarter of the trials counts
 CHUNK = 8  # candidates per device and chunk: a population of 15 fills two devices
 UNSEEN_STREAM = 7_919  # trials that judge the result come from another stream than those of the search
-JUDGING_TRIALS = 32
+JUDGING_TRIALS = 128
+GATE = 0.95  # success rate that the judging trials must show, with 95 % confidence: one of 128 may fail
 
 
 @dataclass(frozen=True)
@@ -54,9 +57,14 @@ class TuneOptions:
         """Perturbed numbers by name and the starts of their sensor noise, (count,) each."""
         return self.perturbations.columns(key, count)
 
+    @property
+    def perturbed_model(self) -> Model:
+        """The model with room for the effects that the trials perturb."""
+        return self.perturbations.on(self.model, self.library)
+
     def nominal(self) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """One trial with nothing off, in the same form: the same compiled program runs it."""
-        values = nominal_columns(self.perturbations.names, self.model)
+        values = nominal_columns(self.perturbations.names, self.model, self.library)
         return {name: np.full(1, value, np.float32) for name, value in values.items()}, np.zeros(1, np.int32)
 
     def settings(self) -> dict[str, Any]:
@@ -70,6 +78,19 @@ class TuneOptions:
             "perturbations": self.perturbations.model_dump(mode="json"),
             "versions": versions(),
         }
+
+
+def parse_risk(measure: str, alpha: float | None, definition: TaskDefinition) -> Risk:
+    """How a candidate's trials are judged, by the words of the command line. Raises UserError."""
+    if measure == "cvar" and alpha is None:
+        alpha = TAIL
+    try:
+        risk = Risk(measure, 0.0 if alpha is None else alpha)
+    except ValueError as error:
+        raise UserError(f"{error}.") from None
+    if measure != "mean" and not any(stage.perturbed and stage.trials > 1 for stage in definition.stages):
+        raise UserError(f"--risk {measure} compares several trials of a candidate; give --trials 2 or more.")
+    return risk
 
 
 class StagedEvaluation:
@@ -89,7 +110,7 @@ class StagedEvaluation:
         if (drive, sensing) not in self._evaluations:
             seen = make_sensing(sensing, o.model)
             self._evaluations[drive, sensing] = Evaluation(
-                o.model, o.definition, drive, o.library, self.mesh, CHUNK, seen
+                o.perturbed_model, o.definition, drive, o.library, self.mesh, CHUNK, seen
             )
         return self._evaluations[drive, sensing]
 
@@ -102,7 +123,7 @@ class StagedEvaluation:
         for drive, sensing in later:
             evaluation = self.on(drive, sensing)
             members = crossed(np.repeat(guess, self.options.definition.population, 0), *self.options.nominal())
-            threading.Thread(target=evaluation.scores, args=(members,), daemon=True, name=f"compile {drive}").start()
+            threading.Thread(target=_in_silence, args=(evaluation.scores, members), daemon=True, name=f"compile {drive}").start()
 
     def __call__(self, stage: Stage, candidates: np.ndarray, key: jax.Array) -> tuple[np.ndarray, Any]:
         definition = self.stages[stage.name]
@@ -111,6 +132,12 @@ class StagedEvaluation:
         score = evaluation.scores(crossed(candidates, numbers, noise), definition.torque_limit)
         costs = score.cost.reshape(len(candidates), -1)
         return np.asarray(reduce_costs(costs, self.options.risk)), score
+
+
+def _in_silence(function: Callable, *arguments: Any) -> None:
+    """What goes wrong here goes wrong again in the search, which tells."""
+    with contextlib.suppress(Exception):
+        function(*arguments)
 
 
 def tune(
@@ -152,7 +179,7 @@ def judge(options: TuneOptions, evaluation: StagedEvaluation, result: SearchResu
     numbers, noise = options.trials(key, JUDGING_TRIALS)
     perturbed = full.scores(crossed(finalists, numbers, noise))
     nominal = full.scores(crossed(finalists, *options.nominal()))
-    costs = np.asarray(perturbed.cost).reshape(2, -1).mean(1) + np.asarray(nominal.cost)
+    costs = np.asarray(reduce_costs(perturbed.cost.reshape(2, -1), options.risk)) + np.asarray(nominal.cost)
     chosen = int(np.argmin(costs))
     mine = slice(chosen * JUDGING_TRIALS, (chosen + 1) * JUDGING_TRIALS)
     return Judged(
@@ -160,4 +187,5 @@ def judge(options: TuneOptions, evaluation: StagedEvaluation, result: SearchResu
         nominal=jax.tree.map(lambda x: np.asarray(x)[chosen], nominal),
         trials=jax.tree.map(lambda x: np.asarray(x)[mine], perturbed),
         numbers=numbers,
+        required=GATE,
     )

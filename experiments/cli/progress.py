@@ -60,6 +60,8 @@ class SearchProgress:
         apex = judged.nominal.metrics.get("apex_height")
         height = "" if apex is None else f"apex {float(apex):.3f} m, "
         self.say(f"{height}cost {cost:.3f}; {success:.0%} of {len(judged.trials.cost)} perturbed trials succeed.")
+        if not judged.passed:
+            self.say(f"NOT passed: the robustness gate of {judged.required:.0%}; the robot's reader refuses this file.")
         self.say(f"For the robot: {self.folder}/parameters.json   to look at: {self.folder}/report.html")
 
     def __exit__(self, kind, error, _) -> bool:

@@ -22,6 +22,7 @@ Ctrl-C and SIGTERM leave a resumable run: the same command continues it, to the 
     starleth tune running_trot        or walking_trot, lateral_walk, bound, pronk
     starleth tune squat_jump --generations 100 --seed 3 --output runs/jump3
     starleth tune squat_jump --model learned_model.json
+    starleth tune squat_jump --trials 8 --risk cvar     good in the worst quarter of 8 perturbed trials each
 """
 
 
@@ -39,6 +40,16 @@ def command(
     ] = "full",
     generations: Annotated[int | None, typer.Option(min=1, help="Generations of all stages together.")] = None,
     population: Annotated[int | None, typer.Option(min=4, help="Candidates per generation.")] = None,
+    trials: Annotated[
+        int | None, typer.Option(min=1, max=10_000, help="Perturbed trials per candidate in the last stage.")
+    ] = None,
+    risk: Annotated[
+        str, typer.Option(help="What counts over them: their mean, the worst, or cvar (the tail).")
+    ] = "mean",
+    alpha: Annotated[
+        float | None,
+        typer.Option(min=0, max=0.999, help="cvar is the mean of the worst share 1 - alpha. Default: 0.75."),
+    ] = None,
     seed: SeedOption = 0,
     devices: DevicesOption = available_cores(),  # noqa: B008
     output: Annotated[
@@ -65,7 +76,8 @@ def command(
     from experiments.model import load_model
     from experiments.perturbations import load_perturbations, parse_perturbations
     from experiments.tasks.definition import load_task
-    from experiments.tune import TuneOptions, tune
+    from experiments.tasks.registry import make_task
+    from experiments.tune import TuneOptions, parse_risk, tune
     from sea_jax import DRIVES
 
     if drive not in DRIVES:
@@ -76,16 +88,26 @@ def command(
         definition = definition.with_generations(generations)
     if population is not None:
         definition = definition.model_copy(update={"population": population})
+    if trials is not None:
+        definition = definition.with_trials(trials)
     robot = load_model(model, library)
     if perturbations is None and definition.perturbations:
         chosen = parse_perturbations(
             definition.perturbations, f"the perturbations of {definition.task}", robot, library
         )
     else:
-        chosen = load_perturbations(perturbations, robot)
+        chosen = load_perturbations(perturbations, robot, library)
     options = TuneOptions(
-        definition, robot, seed, chosen, None if drive == "full" else drive, library=library, devices=devices
+        definition,
+        robot,
+        seed,
+        chosen,
+        None if drive == "full" else drive,
+        parse_risk(risk, alpha, definition),
+        library,
+        devices,
     )
+    make_task(definition, robot)  # what does not fit together is refused before there is a folder
     folder = output or Path("runs") / definition.task
     with (
         leaving_alone(),

@@ -77,8 +77,8 @@ def _summary(file: RobustnessFile) -> str:
     if strong:
         text += f" What decides the cost most: {', '.join(strong)}."
     narrow = min(file.margins.items(), key=lambda item: item[1].p05)
-    text += f" The limit that comes nearest: {_margin_name(narrow[0])}, {number(narrow[1].p05)} {_unit(narrow[1].unit)}"
-    return f"{text.strip()} left in the worst 5 % of the trials."
+    left = f"{number(narrow[1].p05)} {_unit(narrow[1].unit)}".strip()
+    return f"{text} Closest to its limit in the trials that succeed: {_margin_name(narrow[0])} ({left} left, 5 % quantile)."
 
 
 def _survival(file: RobustnessFile) -> list[Block]:
@@ -189,9 +189,9 @@ def _margins(file: RobustnessFile) -> list[Block]:
     figure.update_layout(hovermode="closest", margin={"t": 16})
     figure.update_xaxes(title="left at the tightest moment of a trial")
     caption = (
-        "How much of each limit is left at the tightest moment: the median over the trials, 5 to 95 %, and the whole "
-        "range. Shares of the nominal limit, for joint stops radians. At 0 the limit was reached: the drive's limits "
-        "cut off there, a joint runs into its stop."
+        "How much of each limit is left at the tightest moment of the trials that succeed: the median, 5 to 95 %, and the "
+        "whole range. Shares of the nominal limit, for joint stops radians. At 0 the limit is reached; below, the feet's "
+        "impacts drive springs, motors or joints beyond what was commanded."
     )
     return [Figure(figure, caption), _spreads(file)]
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from es import Parameter, ParameterSpace
 from experiments.errors import UserError
@@ -44,7 +44,7 @@ class StageDefinition(_Strict):
 class TaskDefinition(_Strict):
     """The contents of a task file. `settings` are the task's own fixed numbers."""
 
-    task: str
+    task: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_\-]*$", max_length=100)]  # names the run's folder
     about: str = ""
     duration: Annotated[float, Field(gt=0, le=120)]
     parameters: tuple[ParameterDefinition, ...]
@@ -52,8 +52,15 @@ class TaskDefinition(_Strict):
     settings: dict[str, Any] = {}
     population: Annotated[int, Field(ge=4, le=1_000_000)] = 15
     sigma: Annotated[float, Field(gt=0, lt=1)] = 0.2
-    stages: tuple[StageDefinition, ...]
+    stages: Annotated[tuple[StageDefinition, ...], Field(min_length=1, max_length=100)]
     perturbations: dict[str, Any] = {}
+
+    @model_validator(mode="after")
+    def _stages_apart(self) -> Self:
+        names = [stage.name for stage in self.stages]
+        if len(set(names)) < len(names):
+            raise ValueError("two of the stages have the same name")
+        return self
 
     def space(self) -> ParameterSpace:
         """The parameters as a search space."""
@@ -70,6 +77,12 @@ class TaskDefinition(_Strict):
         return self.model_copy(update={"stages": tuple(stages)})
 
 
+    def with_trials(self, count: int) -> "TaskDefinition":
+        """The last stage with so many perturbed trials for each candidate."""
+        last = self.stages[-1].model_copy(update={"perturbed": True, "trials": count})
+        return self.model_copy(update={"stages": (*self.stages[:-1], last)})
+
+
 def task_names() -> tuple[str, ...]:
     """The tasks that come with the program."""
     folder = resources.files("experiments.tasks")
@@ -81,7 +94,9 @@ def load_task(name_or_file: str) -> TaskDefinition:
     if name_or_file.endswith(".json"):
         return parse_task(read_json(Path(name_or_file), MAX_BYTES), name_or_file)
     if name_or_file not in task_names():
-        raise UserError(f"No task '{shown(name_or_file)}'; the tasks are {', '.join(task_names())}, or give a .json file.")
+        raise UserError(
+            f"No task '{shown(name_or_file)}'; the tasks are {', '.join(task_names())}, or give a .json file."
+        )
     with resources.as_file(resources.files("experiments.tasks") / f"{name_or_file}.json") as path:
         return parse_task(read_json(path, MAX_BYTES), path.name)
 
