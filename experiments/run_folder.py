@@ -187,13 +187,25 @@ def _refuse_other(
             f"{shown(folder)} holds a run of '{shown(record['command'])}', not of '{command}'; "
             "give a new output folder."
         )
-    before = record["settings"]
-    names = sorted(set(before) | set(settings))
-    different = [name for name in names if name not in may_differ and before.get(name) != settings.get(name)]
-    if different:
-        name = different[0]
-        then, now = shown(str(before.get(name))), shown(str(settings.get(name)))
+    before = {name: value for name, value in record["settings"].items() if name not in may_differ}
+    different = _difference(before, {name: value for name, value in settings.items() if name not in may_differ})
+    if different is not None:
+        name, then, now = different
         raise UserError(
-            f"{shown(folder)} holds a run with other settings ({shown(name)} was {then}, now {now}); "
+            f"{shown(folder)} holds a run with other settings ({shown(name)} was {shown(then)}, now {shown(now)}); "
             "repeat the old settings to resume it, or give a new output folder."
         )
+
+
+def _difference(before: Any, now: Any, name: str = "") -> tuple[str, str, str] | None:
+    """Name and both values of the first number, text or list in which two settings differ."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        below = (
+            _difference(before.get(key), now.get(key), f"{name}.{key}" if name else key)
+            for key in sorted(before.keys() | now.keys())
+        )
+        return next((found for found in below if found is not None), None)
+    if isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        below = (_difference(*pair, f"{name}.{i}") for i, pair in enumerate(zip(before, now, strict=True)))
+        return next((found for found in below if found is not None), None)
+    return None if before == now else (name, str(before), str(now))

@@ -42,6 +42,9 @@ class Sweep(BaseModel):
     generations: Annotated[int, Field(ge=1, le=10_000_000)] | None = None
     population: Annotated[int, Field(ge=4, le=1_000_000)] | None = None
     perturbations: Source | None = None
+    trials: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    risk: Literal["mean", "worst", "cvar"] | None = None
+    alpha: Annotated[float, Field(ge=0, lt=1)] | None = None
 
     @model_validator(mode="after")
     def _each_once(self) -> "Sweep":
@@ -78,6 +81,9 @@ class Sweep(BaseModel):
             "generations": self.generations,
             "population": self.population,
             "perturbations": self.perturbations,
+            "trials": self.trials,
+            "risk": self.risk,
+            "alpha": self.alpha,
         }
         return [member.task, *(f"--{name}={value}" for name, value in named.items() if value is not None)]
 

@@ -38,7 +38,7 @@ def command(
     drive: Annotated[
         str, typer.Option(help="Drive of the last stages: full, cheap (no current loop) or ideal.")
     ] = "full",
-    generations: Annotated[int | None, typer.Option(min=1, help="Generations of all stages together.")] = None,
+    generations: Annotated[int | None, typer.Option(min=1, max=1_000_000, help="Generations of all stages.")] = None,
     population: Annotated[int | None, typer.Option(min=4, help="Candidates per generation.")] = None,
     trials: Annotated[
         int | None, typer.Option(min=1, max=10_000, help="Perturbed trials per candidate in the last stage.")

@@ -7,6 +7,7 @@ from pathlib import Path
 from experiments.effects import delay, friction, ground, inertia, link, motor, sensors, transmission
 from experiments.effects.effect import Effect
 from experiments.errors import UserError
+from experiments.files import shown
 
 MODULES = (friction, motor, delay, transmission, link, inertia, ground, sensors)
 LIBRARY: dict[str, Effect] = {effect.name: effect for module in MODULES for effect in module.EFFECTS}
@@ -29,21 +30,21 @@ def load_effects(files: Iterable[Path] = ()) -> dict[str, Effect]:
 def find_effect(name: str, effects: dict[str, Effect]) -> Effect:
     """The effect of that name, or a UserError that lists the names."""
     if name not in effects:
-        raise UserError(f"No effect '{name}'; the effects are {', '.join(sorted(effects))}.")
+        raise UserError(f"No effect '{shown(name)}'; the effects are {', '.join(sorted(effects))}.")
     return effects[name]
 
 
 def _from_file(path: Path) -> tuple[Effect, ...]:
     if not path.is_file():
-        raise UserError(f"No effect file {path}.")
+        raise UserError(f"No effect file {shown(path)}.")
     spec = importlib.util.spec_from_file_location(f"user_effect_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise UserError(f"{path} is not a Python file; an effect file ends in .py.")
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
-        raise UserError(f"{path} does not run: {type(error).__name__}: {error}.") from error
+    except (Exception, SystemExit) as error:
+        raise UserError(f"{shown(path)} does not run: {shown(f'{type(error).__name__}: {error}')}.") from error
     found = getattr(module, "EFFECTS", None) or (getattr(module, "EFFECT", None),)
     if not all(isinstance(effect, Effect) for effect in found):
         raise UserError(f"{path} must bind EFFECT to an experiments.effects.Effect (or EFFECTS to several).")

@@ -52,7 +52,9 @@ def log_ending(path: Path) -> str:
 def info_path(path: Path) -> Path:
     """The JSON beside a log: run.json for run.csv.gz. Raises UserError if it is not there."""
     beside = path.with_name(path.name.removesuffix(log_ending(path)) + ".json")
-    if path.exists() and not beside.exists():
+    if not path.exists():
+        raise UserError(f"cannot read {shown(path)}: no such file.")
+    if not beside.exists():
         raise UserError(f"{shown(path)} has no {shown(beside.name)} beside it; write one or name the log's JSON.")
     return beside
 

@@ -14,6 +14,8 @@ MODULES: Mapping[str, object] = {"squat_jump": squat_jump} | dict.fromkeys(GAITS
 
 def make_task(definition: TaskDefinition, model: Model) -> Task:
     """The task of a definition on a robot. Raises UserError."""
+    if model.numbers is None:
+        raise UserError("This model is a single joint on a bench: it has no legs to move.")
     return module_of(definition.task).make_task(definition, model)
 
 

@@ -123,6 +123,7 @@ def test_a_folder_with_other_files_is_refused_and_left_as_it_was(tmp_path):
     [
         ("tune", {"seed": 2}, "seed was 1, now 2"),
         ("tune", {"noise": 0.1}, "noise was None, now 0.1"),
+        ("tune", {"stages": ["loose", "fast"]}, "stages.1 was full, now fast"),
         ("robustness", {}, "holds a run of 'tune'"),
     ],
 )
