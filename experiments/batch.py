@@ -1,8 +1,9 @@
 """The population axis lives here and nowhere else: vmap inside a chunk, chunks in turn, chunks over devices.
 
-A chunk is the unit that is compiled. Every device has the same single-device program and runs its share of the chunks
-on it, so 1, 2 or 4 devices give the same bits. (One program over all devices, by shard_map, does not: with more than
-one partition XLA orders its passes otherwise and fuses otherwise, and a fall makes of a last bit another cost.)
+A chunk is the unit that is compiled, for one device. The CPU devices of a process are the same cores under several
+names: there, one compiled program is run by as many threads as devices were asked for; every accelerator has its own
+copy. So 1, 2 or 4 devices give the same bits. (One program over all devices, by shard_map, does not: with more than one
+partition XLA orders its passes otherwise and fuses otherwise, and a fall makes of a last bit another cost.)
 """
 
 import threading
@@ -30,18 +31,18 @@ def batched(function: Callable[..., Any], mesh: jax.sharding.Mesh, chunk: int = 
     length, as NumPy arrays on the way out. One program is compiled, of one chunk, whatever that length.
     """
     devices = list(mesh.devices.flat)
+    places = devices[:1] * len(devices) if devices[0].platform == "cpu" else devices
     program = jax.jit(lambda shared, members: jax.vmap(lambda m: function(shared, m))(members))
-    compiled: dict[Any, list[Any]] = {}
+    compiled: dict[Any, dict[jax.Device, Any]] = {}
     lock = threading.Lock()  # a program may be wanted while it is being compiled ahead
 
-    def programs(shared: Any, members: Any) -> list[Any]:
+    def programs(shared: Any, members: Any) -> dict[jax.Device, Any]:
         leaves, form = jax.tree.flatten((shared, members))
         key = form, tuple((leaf.shape, leaf.dtype) for leaf in leaves)
         with lock:
             if key not in compiled:
-                traced = [program.lower(*jax.device_put((shared, members), device)) for device in devices]
-                with ThreadPoolExecutor(len(devices)) as pool:  # XLA compiles without Python's lock
-                    compiled[key] = list(pool.map(lambda one: one.compile(), traced))
+                there = {place: jax.device_put((shared, members), place) for place in dict.fromkeys(places)}
+                compiled[key] = {place: program.lower(*arguments).compile() for place, arguments in there.items()}
             return compiled[key]
 
     def run(shared: Any, members: Any) -> Any:
@@ -53,13 +54,14 @@ def batched(function: Callable[..., Any], mesh: jax.sharding.Mesh, chunk: int = 
 
         def turn(n: int) -> list[Any]:
             """All chunks of one device, one after the other."""
-            here = jax.device_put(shared, devices[n])
-            mine = (jax.device_put(part, devices[n]) for part in chunks[n :: len(devices)])
-            return [jax.tree.map(np.asarray, ready[n](here, part)) for part in mine]
+            place = places[n]
+            here = jax.device_put(shared, place)
+            mine = (jax.device_put(part, place) for part in chunks[n :: len(places)])
+            return [jax.tree.map(np.asarray, ready[place](here, part)) for part in mine]
 
-        with ThreadPoolExecutor(len(devices)) as pool:
-            turns = list(pool.map(turn, range(len(devices))))
-        parts = [turns[i % len(devices)][i // len(devices)] for i in range(len(chunks))]
+        with ThreadPoolExecutor(len(places)) as pool:
+            turns = list(pool.map(turn, range(len(places))))
+        parts = [turns[i % len(places)][i // len(places)] for i in range(len(chunks))]
         return jax.tree.map(lambda *pieces: np.concatenate(pieces)[:count], *parts)
 
     return run

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from experiments.cli.options import DevicesOption, EffectsOption, ModelOption, SeedOption, available_cores, start_jax
+from experiments.cli.signals import terminate_as_interrupt
 
 HELP = """Try a tuned motion under thousands of perturbations and say how often it succeeds.
 
@@ -25,7 +26,6 @@ Ctrl-C leaves the finished trials; the same command continues, also with more --
     starleth robustness runs/squat_jump --gate 0.99    writes a parameters.json with the verdict for the robot
 """
 GATE_FAILED = 1
-INTERRUPTED = 130
 
 
 def register(app: typer.Typer) -> None:
@@ -50,6 +50,7 @@ def command(
         Path | None, typer.Option("--output", "-o", help="Folder of the results. Default: beside the parameters.")
     ] = None,
 ) -> None:
+    terminate_as_interrupt()
     start_jax(devices)
     from experiments import robustness_run as analysis
     from experiments.cli.robustness_progress import RobustnessProgress
