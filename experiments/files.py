@@ -187,6 +187,15 @@ def _sentence(what: str) -> Iterator[None]:
         raise UserError(f"{what}: {error}.") from None
 
 
+def refuse_unwritable(path: Path | str) -> None:
+    """Say before the work, not after it, that its result could not be written. Raises UserError."""
+    target = Path(path)
+    with _sentence(f"cannot write {shown(target)}"):
+        _refuse_special(target)
+    if not target.parent.is_dir() or not os.access(target.parent, os.W_OK):
+        raise UserError(f"cannot write {shown(target)}: {shown(target.parent)} is no folder that can be written into.")
+
+
 def _refuse_special(target: Path) -> None:
     """Renaming onto /dev/null would replace the device; onto a folder it fails late."""
     try:

@@ -40,7 +40,7 @@ def settings_of(sweep: Sweep) -> dict[str, Any]:
 
 def sweep_in(folder: Path) -> Sweep:
     """The sweep that a folder holds. Raises UserError."""
-    record = read_json(folder / RUN_FILE, 2 * MAX_BYTES)
+    record = read_json(folder / RUN_FILE, 2 * MAX_BYTES) if (folder / RUN_FILE).exists() else None
     if not isinstance(record, dict) or record.get("command") != COMMAND or not isinstance(record.get("settings"), dict):
         raise UserError(f"{shown(folder)} holds no sweep; give a sweep file or the folder of a sweep.")
     return parse_sweep(record["settings"].get("sweep"), shown(folder / RUN_FILE))

@@ -57,6 +57,8 @@ def compare_command(
     robot, library = _model(model, effects)
     taken = read_checked(log, columns, robot)
     robot, library = _on_bench(taken, robot, library)
+    if output is not None:
+        _folder(output)
     found = compare(taken, robot, library)
     answer = found.answer()
     if output is not None:
@@ -84,11 +86,13 @@ def diagnose_command(
         taken = [read_checked(log, columns, robot) for log in logs]
     except LogFault as fault:
         answer = fault.answer()
+        _folder(output)
         _write(output, "diagnosis.json", answer)
         write_fault_report(output / "report.html", fault)
         print(json.dumps(answer))
         return
     robot, library = _on_bench(taken[0], robot, library)
+    _folder(output)
     found = diagnose(taken, robot, library, _say)
     _write(output, "diagnosis.json", found.answer)
     write_diagnosis_report(output / "report.html", found)
@@ -106,6 +110,7 @@ def learn_command(
     output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.")] = Path("model.json"),
 ) -> None:
     start_jax()
+    from experiments.files import refuse_unwritable
     from experiments.measurement.intake import read_checked
     from experiments.measurement.learn import learn, parse_place
     from experiments.model import save_model
@@ -114,6 +119,7 @@ def learn_command(
     taken = [read_checked(log, columns, robot) for log in logs]
     robot, library = _on_bench(taken[0], robot, library)
     wanted = [parse_place(text, library, taken[0].joint_names) for text in effect]
+    refuse_unwritable(output)
     learned, _, _ = learn(taken, robot, library, wanted, nominal)
     save_model(output, learned)
     print(json.dumps({"model": str(output), **learned.model_dump(mode="json", include={"effects", "provenance"})}))
@@ -138,14 +144,21 @@ def _on_bench(log, model, library):
     return model, library
 
 
-def _write(folder: Path, name: str, answer: dict) -> None:
+def _folder(folder: Path) -> None:
+    """Make the output folder before the work, so that a bad one costs none. Raises UserError."""
     from experiments.errors import UserError
-    from experiments.files import write_json
+    from experiments.files import refuse_unwritable
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UserError(f"{folder} cannot be made: {error.strerror}; choose another folder.") from None
+    refuse_unwritable(folder / "report.html")
+
+
+def _write(folder: Path, name: str, answer: dict) -> None:
+    from experiments.files import write_json
+
     write_json(folder / name, answer)
 
 

@@ -1,6 +1,6 @@
 """Run by test_distributed.py: one process of a search whose cost is cheap, with everything else as in tune.
 
-Arguments: address, processes, process, run folder, generation in which this process stops (0: none), seed.
+Arguments: address (or 'cluster'), processes, process, run folder, generation in which this process stops (0: none), seed.
 The first process prints the hash of the whole result.
 """
 
@@ -16,7 +16,9 @@ jax.config.update("jax_num_cpu_devices", 2)
 from experiments import distributed  # noqa: E402
 
 address, processes, process, folder, stop, seed = sys.argv[1:]
-if int(processes) > 1:
+if address == "cluster":
+    distributed.join(None, None, None)
+elif int(processes) > 1:
     distributed.join(address, int(processes), int(process))
 
 import jax.numpy as jnp  # noqa: E402

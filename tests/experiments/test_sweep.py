@@ -304,7 +304,7 @@ def test_a_member_called_like_a_script_is_only_text_in_the_report(tmp_path):
         (["sweep", "nowhere.json", "--output", "o"], "cannot read nowhere.json"),
         (["sweep", "--task", "x", "--output", "o", "--executor", "magic"], "No executor 'magic'"),
         (["sweep", "--task", "x", "--seeds", "a", "--output", "o"], "no number or range"),
-        (["collect", "nowhere"], "cannot read nowhere"),
+        (["collect", "nowhere"], "nowhere holds no sweep"),
     ],
 )
 def test_bad_input_on_the_command_line_is_one_sentence(tmp_path, monkeypatch, words, match):
