@@ -215,10 +215,13 @@ def read_model(folder: Path) -> None:
 
 
 def read_task(folder: Path) -> None:
+    from experiments.model import nominal_model
     from experiments.tasks.definition import load_task
+    from experiments.tasks.registry import make_task
 
     definition = load_task(str(folder / "task.json"))
     definition.with_generations(500_000)
+    make_task(definition, _nominal(nominal_model))
 
 
 def read_perturbations(folder: Path) -> None:
@@ -398,6 +401,11 @@ READERS: Final[tuple[Reader, ...]] = (
     Reader(
         "task",
         one_file("task.json", lambda: resource_text("experiments.tasks", "squat_jump.json"), hostile.json_file),
+        read_task,
+    ),
+    Reader(
+        "gait task",
+        one_file("task.json", lambda: resource_text("experiments.tasks", "running_trot.json"), hostile.json_file),
         read_task,
     ),
     Reader(

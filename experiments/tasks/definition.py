@@ -118,5 +118,5 @@ def check_weights(weights: Mapping[str, float], known: tuple[str, ...], task: st
     unknown, missing = set(weights) - set(known), set(known) - set(weights)
     if unknown or missing:
         raise UserError(
-            f"Task {task}: its cost terms are {', '.join(known)}; correct the key '{min(unknown | missing)}'."
+            f"Task {task}: its cost terms are {', '.join(known)}; correct the key '{shown(min(unknown | missing))}'."
         )

@@ -14,6 +14,7 @@ from controller_jax.locomotion import GaitParams, LocomotionState
 from controller_jax.types import JointTargets, LegGeometry, RobotState
 from controller_jax.velocity_command import VelocityCommand
 from experiments.errors import UserError
+from experiments.files import shown
 from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
@@ -238,7 +239,7 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
     known = {"controller", "command", "flight", "turn_start"}
     wrong = set(definition.settings) ^ known
     if wrong:
-        raise UserError(f"Task {task}: its settings are {', '.join(sorted(known))}; correct the key '{min(wrong)}'.")
+        raise UserError(f"Task {task}: its settings are {', '.join(sorted(known))}; correct the key '{shown(min(wrong))}'.")
     controller = controller_from_settings(definition.settings["controller"], geometry.torque_limits, task)
     command = definition.settings["command"]
     if set(command) != set(VelocityCommand._fields):

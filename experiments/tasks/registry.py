@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from experiments.errors import UserError
+from experiments.files import shown
 from experiments.model import Model
 from experiments.rollout import Task
 from experiments.tasks import gait, squat_jump
@@ -16,7 +17,10 @@ def make_task(definition: TaskDefinition, model: Model) -> Task:
     """The task of a definition on a robot. Raises UserError."""
     if model.numbers is None:
         raise UserError("This model is a single joint on a bench: it has no legs to move.")
-    return module_of(definition.task).make_task(definition, model)
+    try:
+        return module_of(definition.task).make_task(definition, model)
+    except (TypeError, ValueError, AttributeError, OverflowError) as error:  # its settings are free in the schema
+        raise UserError(f"Task {definition.task}: a setting is of the wrong kind ({shown(str(error))}).") from None
 
 
 def metric_units(task: str) -> Mapping[str, str]:
