@@ -73,7 +73,9 @@ def plan(
             "with by --task."
         )
     if drive is not None and drive not in DRIVES:
-        raise UserError(f"No drive '{drive}'; choose one of {', '.join(DRIVES)}.")
+        raise UserError(f"No drive '{shown(drive)}'; choose one of {', '.join(DRIVES)}.")
+    if required is not None and drive not in (None, file.drive):
+        raise UserError(f"A gate speaks for the drive that the motion was tuned on, {file.drive}; leave --drive away.")
     options = RobustnessOptions(
         values=definition.space().vector(file.values()),
         definition=definition,

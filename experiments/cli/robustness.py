@@ -42,7 +42,9 @@ def command(
     drive: Annotated[str | None, typer.Option(help="full, cheap or ideal. Default: the one it was tuned on.")] = None,
     seed: SeedOption = 0,
     devices: DevicesOption = available_cores(),  # noqa: B008
-    only: Annotated[int | None, typer.Option(min=0, help="Run just the trial of this index; print it as JSON.")] = None,
+    only: Annotated[
+        int | None, typer.Option(min=0, max=100_000_000, help="Run just the trial of this index; print it as JSON.")
+    ] = None,
     gate: Annotated[
         float | None, typer.Option(min=0, max=1, help="Success rate that is required, with 95 % confidence.")
     ] = None,

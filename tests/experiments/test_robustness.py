@@ -140,7 +140,7 @@ def test_finished_trials_are_kept_and_damaged_ones_run_again(finished, monkeypat
         assert block.read_bytes() == whole, "run again, the block must be the same to the bit"
 
 
-def test_a_gate_speaks_for_the_model_that_was_tuned_on(run_folder) -> None:
+def test_a_gate_speaks_for_the_model_and_drive_tuned_on(run_folder) -> None:
     model = nominal_model()
     numbers = model.numbers.model_copy(update={"gravity": 9.8})
     other = model.model_copy(update={"numbers": numbers})
@@ -148,6 +148,10 @@ def test_a_gate_speaks_for_the_model_that_was_tuned_on(run_folder) -> None:
     arguments = (run_folder, other, laws, 8, 0, "", None, None, LIBRARY, 1)
     assert plan(*arguments, None).options.model.hash() != model.hash()
     with pytest.raises(UserError, match="a gate speaks for the model"):
+        plan(*arguments, 0.9)
+    arguments = (run_folder, model, laws, 8, 0, "", None, "full", LIBRARY, 1)
+    assert plan(*arguments, None).options.drive == "full"
+    with pytest.raises(UserError, match="speaks for the drive that the motion was tuned on, ideal"):
         plan(*arguments, 0.9)
 
 
