@@ -86,6 +86,21 @@ def signed_parameters(data: bytes, chance: random.Random) -> bytes:
 
 
 @cache
+def good_robustness() -> bytes:
+    from experiments.robustness_file import SCHEMA_VERSION
+
+    spread = {"unit": "-", "mean": 1.0, "std": 0.1, "low": 0.5, "p05": 0.6, "p50": 1.0, "p95": 1.8, "high": 2.0}
+    content = {
+        **{"schema_version": SCHEMA_VERSION, "task": "squat_jump", "robot": "starleth", "drive": "full", "seed": 0},
+        **{"model_hash": "0" * 16, "tuned_on": "0" * 16, "parameters": "0" * 64, "trials": 64, "successes": 60},
+        **{"success_rate": 0.9375, "ci95": [0.85, 0.98], "gate": None, "worst": [], "sensitivity": [], "survival": []},
+        **{"margins": {"torque": spread}, "metrics": {"cost": spread}, "sampled": 64, "perturbations": {"x": "y"}},
+        **{"versions": {"jax": "0.10"}, "created": "2026-01-01T00:00:00Z", "command": "starleth robustness x"},
+    }
+    return json.dumps(content).encode()
+
+
+@cache
 def good_model() -> bytes:
     from experiments.model import PlacedEffect, nominal_model
 
@@ -205,6 +220,12 @@ def read_parameters(folder: Path) -> None:
     from experiments import parameter_file
 
     parameter_file.read_parameters(folder / "parameters.json", robot="starleth", allow_ungated=True).values()
+
+
+def read_robustness(folder: Path) -> None:
+    from experiments import robustness_file
+
+    robustness_file.read_robustness(folder / "robustness.json")
 
 
 def read_model(folder: Path) -> None:
@@ -392,6 +413,7 @@ def with_log(prepare: Callable[[Path, random.Random], None]) -> Callable[[Path, 
 
 READERS: Final[tuple[Reader, ...]] = (
     Reader("parameters", one_file("parameters.json", good_parameters, signed_parameters), read_parameters),
+    Reader("robustness", one_file("robustness.json", good_robustness, hostile.json_file), read_robustness),
     Reader("model", one_file("model.json", good_model, hostile.json_file), read_model),
     Reader(
         "numbers",

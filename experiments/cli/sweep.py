@@ -1,7 +1,7 @@
 """`starleth sweep`: many independent searches, on this machine or a cluster, resumable."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -42,7 +42,9 @@ def command(
     drive: Annotated[str, typer.Option(help="full, cheap or ideal, as for tune.")] = "full",
     generations: Annotated[int | None, typer.Option(min=1, help="Generations of each search.")] = None,
     population: Annotated[int | None, typer.Option(min=4, help="Candidates per generation.")] = None,
-    perturbations: Annotated[Path | None, typer.Option(help="Perturbation file of the judging trials.")] = None,
+    perturbations: Annotated[Path | None, typer.Option(help="Perturbation file, as for tune.")] = None,
+    trials: Annotated[int | None, typer.Option(min=1, help="Trials per candidate, as for tune.")] = None,
+    risk: Annotated[str | None, typer.Option(help="mean, worst or cvar, as for tune.")] = None,
     effects: EffectsOption = None,
     executor: Annotated[str, typer.Option(help="local (processes), submitit (SLURM) or dask.")] = "local",
     workers: Annotated[int | None, typer.Option(min=1, max=10_000, help="Members at a time.")] = None,
@@ -65,7 +67,9 @@ def command(
             raise UserError(f"{source} is a sweep already; leave --task, --model and --output away to go on with it.")
     else:
         folder = output
-        sweep = _new_sweep(source, task, seeds, model, drive, generations, population, perturbations)
+        chosen = {"drive": drive, "generations": generations, "population": population, "trials": trials, "risk": risk}
+        chosen["perturbations"] = None if perturbations is None else str(perturbations)
+        sweep = _new_sweep(source, task, model, {"seeds": seeds, **chosen})
     if folder is None:
         raise UserError("Where shall the sweep be written? Give a folder with --output.")
     extra = Extra(devices, tuple(effects or ()))
@@ -87,7 +91,7 @@ def command(
         run.mark_finished()
 
 
-def _new_sweep(source, task, seeds, model, drive, generations, population, perturbations):
+def _new_sweep(source: Path | None, task: list[str] | None, model: list[str] | None, chosen: dict[str, Any]):
     from experiments.sweep import NOMINAL, load_sweep, parse_sweep
 
     if source is not None:
@@ -96,15 +100,7 @@ def _new_sweep(source, task, seeds, model, drive, generations, population, pertu
         return load_sweep(source)
     if not task:
         raise UserError("Nothing to sweep: give a sweep file, a sweep's folder, or --task.")
-    content = {
-        "tasks": task,
-        "models": model or [NOMINAL],
-        "seeds": seeds,
-        "drive": drive,
-        "generations": generations,
-        "population": population,
-        "perturbations": None if perturbations is None else str(perturbations),
-    }
+    content = {"tasks": task, "models": model or [NOMINAL], **chosen}
     return parse_sweep(content, "the sweep").located(Path.cwd())
 
 

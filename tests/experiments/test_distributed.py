@@ -61,6 +61,7 @@ def found(ended: list[tuple[int, str, str]]) -> tuple[int, str]:
     return int(resumed), digest
 
 
+@pytest.mark.slow
 def test_two_processes_find_what_one_finds(tmp_path, environment):
     assert found(search(tmp_path / "two", 2, environment)) == found(search(tmp_path / "alone", 1, environment))
 
