@@ -1,14 +1,14 @@
 """Which faults, undone, make the columns of a log agree with one another.
 
-Greedy: of all hypotheses take the one that makes the links between columns more likely by most, undo it, look again;
-first exchanged, flipped and rescaled columns, which break a link altogether, then shifted ones. An effect of physics
-is not undone by exchanging, flipping, rescaling or shifting whole columns, so it stays.
+Greedy: of all hypotheses take the one that makes the links between columns more likely by most, undo it, look again.
+An effect of physics is not undone by exchanging, flipping, rescaling or shifting whole columns, so it stays.
 """
 
 import math
 from collections import ChainMap
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Final
 
 from experiments.measurement import hypotheses, repairs
@@ -35,7 +35,7 @@ _LEAST_SHIFT_RATIO: Final = 2.0
 _LEAST_WRONG: Final = 0.6  # misfit of a link with a sign turned, or a unit of more than 7 times the right one
 _MENDED: Final = 0.1  # misfit that is left by the right repair; hysteresis and play leave more, whatever is shifted
 _BROKEN: Final = 0.1  # misfit that exchanged, flipped and rescaled columns leave at least
-_DOUBTFUL: Final = 3.0  # times a link's floor, from where on a shift is looked for
+_ALL_EXPLAINED: Final = 0.9  # of what a repair can bring to the links that it touches
 _FURTHER_LAG: Final = 15.0  # nats by which a longer shift must beat one that an effect may have
 _MOST_LAG: Final = 60.0  # samples searched
 _MOST_REPAIRS: Final = 40
@@ -47,8 +47,7 @@ class Finding:
 
     repair: Repair
     nats: float
-    before: float  # misfit of the link that gained most
-    after: float
+    share: float  # of what the links that it touches could gain at all
 
 
 def links_of(log: Log, columns: Mapping[Column, Array], numbers: Mapping[str, Any]) -> list[AnyLink]:
@@ -76,8 +75,9 @@ class FaultSearch:
         self.links = links_of(log, self.columns, numbers)
         self.gear_ratio = 100.0 if log.joint is not None else float(numbers["drive"]["gear_ratio"])
         self.names = log.joint_names
-        self.matches: list[Match] = []
-        self._match: Callable[[AnyLink, Mapping[Column, Array]], Match]
+        self.matches = {
+            still: [self._match(link, self.columns, still) for link in self.links] for still in (False, True)
+        }
         self._known: dict[tuple[Any, ...], tuple[frozenset[int], Finding | None]] = {}
         self._touching: dict[Column, list[int]] = {}
         for place, link in enumerate(self.links):
@@ -86,32 +86,26 @@ class FaultSearch:
 
     def run(self) -> list[Finding]:
         """Repairs, the most convincing first, until nothing more is convincing."""
-        self._look(lambda link, columns: link.match(columns, self.period))
-        found = self._repaired(lambda: hypotheses.of_values(self._broken(), self.names, self.columns, self.gear_ratio))
-        self._look(lambda link, columns: link.still_match(columns, self.period))
-        return found + self._repaired(lambda: hypotheses.of_time(self._late(), self.names, self.columns))
-
-    def _look(self, match: Callable[[AnyLink, Mapping[Column, Array]], Match]) -> None:
-        self._match, self._known = match, {}
-        self.matches = [match(link, self.columns) for link in self.links]
-
-    def _repaired(self, candidates: Callable[[], Iterable[Repair | None]]) -> list[Finding]:
         findings: list[Finding] = []
-        while len(findings) < _MOST_REPAIRS and (found := self._best(candidates())):
+        while len(findings) < _MOST_REPAIRS and (found := self._best()):
             self._apply(found.repair)
             findings.append(found)
         return findings
 
+    def _match(self, link: AnyLink, columns: Mapping[Column, Array], still: bool) -> Match:
+        """`still`: with hardly any delay, so that a shift makes a difference."""
+        return (link.still_match if still else link.match)(columns, self.period)
+
     def _broken(self) -> Doubts:
         """Columns of links that do not hold at all."""
-        broken = zip(self.links, self.matches, strict=True)
+        broken = zip(self.links, self.matches[False], strict=True)
         return Doubts({column for link, match in broken if match.misfit > _BROKEN for column in link.columns}, {})
 
     def _late(self) -> Doubts:
         """Columns of links that do not quite hold, and the lags at which they hold better."""
         columns, lags = set(), {}
-        for link, match in zip(self.links, self.matches, strict=True):
-            if match.misfit <= _DOUBTFUL * link.floor:
+        for link, match in zip(self.links, self.matches[True], strict=True):
+            if match.misfit <= link.floor:
                 continue
             columns.update(link.columns)
             free = link.free_match(self.columns, self.period, _MOST_LAG)
@@ -128,31 +122,40 @@ class FaultSearch:
         return self._known[key][1]
 
     def _evidence(self, repair: Repair) -> Finding | None:
-        changed = ChainMap(repair.applied(self.columns), self.columns)
-        total, best = 0.0, (1.0, 1.0, 1.0)
+        changed, still = ChainMap(repair.applied(self.columns), self.columns), repair.kind == "time_shift"
+        total, possible, best = 0.0, 0.0, (1.0, 1.0, 1.0)
         for place in self._touched(repair):
-            link, before = self.links[place], self.matches[place]
-            after = self._match(link, changed)
+            link, before = self.links[place], self.matches[still][place]
+            after = self._match(link, changed, still)
             ratio = (before.misfit + link.floor) / (after.misfit + link.floor)
             total += 0.5 * before.freedom * math.log(ratio)
+            possible += 0.5 * before.freedom * math.log(1.0 + before.misfit / link.floor)
             best = max(best, (ratio, before.misfit, after.misfit))
             if total < _WORSE:
                 return None
+        share = total / possible if possible > 0 else 0.0
         total -= _EXTRA_SIGNAL * (len(repair.signals) - 1)
         ratio, before, after = best
-        least = _LEAST_SHIFT_RATIO if repair.kind == "time_shift" else _LEAST_RATIO
+        least = _LEAST_SHIFT_RATIO if still else _LEAST_RATIO
         wrong = repair.kind not in ("sign", "unit") or before >= _LEAST_WRONG
-        return Finding(repair, total, before, after) if ratio >= least and wrong and after <= _MENDED else None
+        return Finding(repair, total, share) if ratio >= least and wrong and after <= _MENDED else None
 
-    def _best(self, candidates: Iterable[Repair | None]) -> Finding | None:
-        found = [finding for repair in candidates if repair and (finding := self.evidence(repair))]
-        for finding in sorted(found, key=lambda finding: -finding.nats):
-            if finding.nats < _LEAST_EVIDENCE:
-                break
+    def _best(self) -> Finding | None:
+        values = self._found(hypotheses.of_values(self._broken(), self.names, self.columns, self.gear_ratio))
+        if values and values[0].share > _ALL_EXPLAINED:
+            return values[0]  # no need to look for shifts, which takes longest
+        # a lone joint on a bench shows too little to tell a shifted column from a controller that lags behind
+        shifts = self._found(hypotheses.of_time(self._late(), self.names, self.columns)) if len(self.names) > 1 else []
+        for finding in sorted(values + shifts, key=lambda finding: -finding.nats):
             refined = self._best_shift(finding) if finding.repair.kind == "time_shift" else finding
             if refined is not None:
                 return refined
         return None
+
+    def _found(self, candidates: Iterable[Repair | None]) -> list[Finding]:
+        """What convinces, the best first."""
+        found = [finding for repair in candidates if repair and (finding := self.evidence(repair))]
+        return sorted((one for one in found if one.nats >= _LEAST_EVIDENCE), key=lambda finding: -finding.nats)
 
     def _best_shift(self, finding: Finding) -> Finding | None:
         """The best of the neighbouring shifts; a long one only if no short one does nearly as well."""
@@ -177,8 +180,8 @@ class FaultSearch:
         self.columns |= repair.applied(self.columns)
         changed = self._touched(repair)
         self._known = {key: known for key, known in self._known.items() if known[0].isdisjoint(changed)}
-        for place in changed:
-            self.matches[place] = self._match(self.links[place], self.columns)
+        for still, place in product((False, True), changed):
+            self.matches[still][place] = self._match(self.links[place], self.columns, still)
 
     def _touched(self, repair: Repair) -> list[int]:
         """Links to look at again; those of a whole leg last, for they take longest."""

@@ -11,9 +11,10 @@ from experiments.measurement.links import Column, Columns
 from experiments.measurement.repairs import Repair
 from mjx_starleth.names import JOINT_NAMES, JOINTS, LEGS
 
-EFFECT_LAGS: Final = (-2, -1, 1, 2)  # samples of delay that are an effect
-_LATE_COMMAND: Final = 8  # samples that the answer to a command may take: 'command_delay'
-_TRIED_LAGS: Final = (-12, -4, 4, 12)  # where the search for a shift starts anyway
+EFFECT_LAGS: Final = tuple(lag for lag in range(-7, 8) if lag)  # samples of delay that an effect may have
+_TRIED_LAGS: Final = (-12, 12)  # where the search for a shift starts anyway
+# A command stands in a difference in the law that follows it: no lag of the whole law tells how late it is
+_COMMAND_LAGS: Final = tuple(lag for lag in range(-60, 61, 6) if lag)
 _SEVERAL: Final = 3  # joints that ask for the same before it is tried on all
 
 
@@ -62,7 +63,8 @@ def of_time(doubts: Doubts, names: tuple[str, ...], there: Columns) -> Iterator[
                 yield repairs.shift(signals, (name,), lag, there)
     if doubts.names(names):
         for signals in repairs.SHIFT_GROUPS:
-            for lag in every:
+            tried = _COMMAND_LAGS if signals[0] in repairs.COMMANDS else every
+            for lag in tried:
                 yield repairs.shift(signals, names, lag, there)
     if doubts.of_base():
         asked = set().union(*(doubts.lags.get(name, set()) for name in ("w", *XYZ)))
@@ -73,8 +75,6 @@ def of_time(doubts: Doubts, names: tuple[str, ...], there: Columns) -> Iterator[
 
 def is_effect(repair: Repair) -> bool:
     """Whether a shift is as short as a delay in a sensor or in the answer to a command may be."""
-    if set(repair.signals) <= set(repairs.COMMANDS):
-        return min(EFFECT_LAGS) <= -repair.value <= _LATE_COMMAND
     return abs(repair.value) <= max(EFFECT_LAGS)
 
 

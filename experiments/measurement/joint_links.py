@@ -1,6 +1,7 @@
 """What the columns of one joint owe each other: rates, spring, the joint controllers' law, the motor's balance."""
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -16,6 +17,7 @@ MOTION: Final = 20.0
 # The control law is looked at to where the drive still follows: the joint controllers act on the sensors' noise,
 # and the motor's answer to it is a fingerprint even of a joint at rest.
 CONTROL: Final = 100.0
+NOISE: Final = (40.0, 120.0)
 
 # Misfits that good data leave (planted logs: rates 1e-6 in the air, 1e-5 in a jump; spring 0.05 for the knee in
 # the air, where the torque is small; law 2e-4, in saturation 0.2; current 0.02)
@@ -36,14 +38,17 @@ FRICTION: Final = (0.0, 10.0)  # friction may be many times the nominal one, but
 def joint_links(joint: str, there: Iterable[Column], period: float, numbers: Mapping[str, Any]) -> list[Link]:
     """The links of one joint of the robot among the columns that are `there`."""
     present = {signal for signal, name in there if name == joint}
+    law = _control_law(joint, present, period, numbers)
     links = [
+        law,
         _rate(joint, "joint_position", "joint_velocity", period),
         _rate(joint, "motor_position", "motor_velocity", period),
         _spring(joint, period, numbers),
         _transmission(joint, numbers),
-        _control_law(joint, present, period, numbers),
         _motor_balance(joint, present, period, numbers),
     ]
+    if {"command_torque", "motor_velocity"} <= present and np.isclose(period, numbers["loops"]["control_period"]):
+        links.append(_fingerprint(law))
     return [link for link in links if all(signal in present for signal, _ in link.columns)]
 
 
@@ -125,6 +130,16 @@ def _control_law(joint: str, present: set[str], period: float, numbers: Mapping[
         measured = (*measured, ("command_torque", joint))  # not there: no link
     high = CONTROL if {"joint_velocity", "motor_velocity"} <= present else MOTION
     return Link("control law", (*commands, *measured), parts, high, MODEL_FLOOR, lags=COMMAND_LAGS)
+
+
+def _fingerprint(law: Link) -> Link:
+    """The motor's answer to the noise in its own controller's sensors: tells joints apart that move alike."""
+
+    def parts(columns: Columns) -> tuple[Array, list[Array]]:
+        target, terms = law.parts(columns)
+        return np.diff(target, 2), [np.diff(term, 2) for term in terms]
+
+    return replace(law, name="fingerprint", parts=parts, low=NOISE[0], high=NOISE[1], may_lag=True)
 
 
 def _motor_balance(joint: str, present: set[str], period: float, numbers: Mapping[str, Any]) -> Link:

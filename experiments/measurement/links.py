@@ -40,6 +40,7 @@ class Link:
     bounds: tuple[tuple[float, float], ...] = (GAIN,)
     lags: tuple[float, float] = LAG
     may_lag: bool = False  # a controller that follows at a distance
+    low: float = 0.0  # Hz, the lowest frequency looked at
 
     def match(self, columns: Columns, period: float) -> Match:
         """The best fit with gains and delay where effects may take them."""
@@ -64,7 +65,7 @@ class Link:
     ) -> Match:
         target, terms = self.parts(columns)
         high = min(self.high * period, 0.4)
-        return match(target, terms, list(bounds), lags, (0.0, high))
+        return match(target, terms, list(bounds), lags, (self.low * period, high))
 
 
 def usable_columns(log: Log) -> dict[Column, Array]:

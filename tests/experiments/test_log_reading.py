@@ -1,0 +1,126 @@
+"""One experiment in every file format, under other names and units, on other time axes; delays to a part of a sample."""
+
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from experiments.measurement.delays import estimate_delay, signal_delays
+from experiments.measurement.intake import read_checked
+from experiments.measurement.log import Log, SignalTable
+from experiments.measurement.log_reader import read_log
+from experiments.measurement.resample import resample
+from experiments.model import nominal_model
+from mjx_starleth.numbers import load_numbers
+
+DATA = Path(__file__).parents[1] / "data"
+SOURCE = DATA / "air_reference_1500ms.csv.gz"
+PERIOD = 2.5e-3  # s
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return read_log(SOURCE)
+
+
+def assert_same(one: Log, other: Log) -> None:
+    assert set(one.signals) == set(other.signals)
+    np.testing.assert_allclose(one.time, other.time, rtol=0, atol=1e-9)
+    for signal, table in one.signals.items():
+        np.testing.assert_allclose(table.values, other.signals[signal].values, rtol=1e-12, atol=1e-12)
+
+
+def beside(path: Path, **changes: object) -> Path:
+    """Writes the JSON of a log, with some keys changed."""
+    info = json.loads((DATA / "air_reference_1500ms.json").read_text())
+    path.with_name(path.name.split(".")[0] + ".json").write_text(json.dumps(info | changes))
+    return path
+
+
+def columns_of(log: Log) -> dict[str, np.ndarray]:
+    return {"time": log.time} | {f"{s}/{n}": t.column(n) for s, t in log.signals.items() for n in t.names}
+
+
+def test_every_format_gives_the_same_log(log: Log, tmp_path: Path) -> None:
+    beside(tmp_path / "run.csv").write_bytes(gzip.decompress(SOURCE.read_bytes()))
+    pq.write_table(pa.table(columns_of(log)), tmp_path / "run.parquet")
+    np.savez_compressed(tmp_path / "run.npz", **columns_of(log))
+    for ending in ("csv", "parquet", "npz"):
+        assert_same(read_log(tmp_path / f"run.{ending}"), log)
+
+
+def test_other_names_and_units_come_in_by_a_column_map(log: Log, tmp_path: Path) -> None:
+    table = columns_of(log)
+    renamed = {key: values for key, values in table.items() if not key.startswith("joint_position/")}
+    renamed |= {f"q_{n} [deg]": np.degrees(log.column("joint_position", n)) for n in log.joint_names}
+    renamed["t_ms"] = 1e3 * renamed.pop("time")
+    np.savez_compressed(beside(tmp_path / "run.npz"), **renamed)
+    (tmp_path / "map.toml").write_text(
+        '[columns]\ntime = { from = "t_ms", unit = "ms" }\n"joint_position/*" = { from = "q_* [deg]", unit = "deg" }\n'
+    )
+    assert_same(read_checked(tmp_path / "run.npz", tmp_path / "map.toml", nominal_model()), log)
+
+
+def smooth(time: np.ndarray, frequency: float) -> np.ndarray:
+    return np.sin(2.0 * np.pi * frequency * time)
+
+
+def with_time(log: Log, time: np.ndarray, period: float) -> Log:
+    """A log of known smooth motion and of a command that changes at every tick, sampled at `time`."""
+    q = np.stack([smooth(time, 0.5 + 0.1 * joint) for joint in range(12)], axis=1)
+    command = np.repeat(np.floor(time / PERIOD + 0.3)[:, None], 12, axis=1)
+    names = log.joint_names
+    tables = {"joint_position": SignalTable(names, q), "command_position": SignalTable(names, command)}
+    return log.on_time(time, period, tables)
+
+
+@pytest.mark.parametrize("period", [1e-3, 5e-3])
+def test_other_rates_and_uneven_stamps_come_onto_the_ticks(log: Log, period: float) -> None:
+    rng = np.random.default_rng(0)
+    time = period * np.arange(round(2.0 / period)) + 0.1 * period * rng.uniform(-1.0, 1.0, round(2.0 / period))
+    even = resample(with_time(log, time, period), PERIOD)
+    np.testing.assert_allclose(np.diff(even.time), PERIOD, rtol=1e-9)
+    inside = slice(2, -4)
+    expected = np.stack([smooth(even.time, 0.5 + 0.1 * joint) for joint in range(12)], axis=1)
+    # monotone cubics cut the tops of a 1.6 Hz sine, sampled at 200 Hz, by 1e-3
+    np.testing.assert_allclose(even.joints("joint_position")[inside], expected[inside], atol=2e-3)
+    if period < PERIOD:  # a held command is taken over, never mixed of two
+        command = even.joints("command_position")[inside, 0]
+        assert np.all(command == np.floor(command)) and np.all(np.diff(command) >= 0)
+
+
+def test_late_stamps_do_not_move_commands_to_other_ticks(log: Log) -> None:
+    rng = np.random.default_rng(1)
+    jitter = np.concatenate([[0.0], 2e-4 * rng.uniform(-1.0, 1.0, log.rows - 1)])
+    even = resample(log.on_time(log.time + jitter, PERIOD, log.signals))
+    rows = slice(0, even.rows)
+    np.testing.assert_array_equal(even.joints("command_position"), log.joints("command_position")[rows])
+
+
+def test_an_even_log_is_left_alone_and_single_holes_are_filled(log: Log) -> None:
+    assert resample(log) is log
+    torque = log.signals["joint_torque"]
+    values = torque.values.copy()
+    values[100, 3] = np.nan
+    filled = resample(log.with_signals(dict(log.signals) | {"joint_torque": SignalTable(torque.names, values)}))
+    neighbours = values[[99, 101], 3]
+    assert neighbours.min() <= filled.joints("joint_torque")[100, 3] <= neighbours.max()
+
+
+def test_a_delay_is_told_to_a_part_of_a_sample(log: Log) -> None:
+    time = PERIOD * np.arange(3200)
+    rng = np.random.default_rng(2)
+    for delay in (-1.3, 0.0, 0.4, 6.7):  # samples
+
+        def course(shift: float) -> np.ndarray:
+            return sum(smooth(time - shift, f) for f in (0.7, 1.9, 3.1, 5.3)) + 0.01 * rng.standard_normal(len(time))
+
+        found, std = estimate_delay(course(0.0), course(delay * PERIOD), PERIOD, 20.0)
+        assert abs(found - delay * PERIOD) < 0.02 * PERIOD and std < 0.1 * PERIOD, delay
+    numbers = load_numbers().model_dump(mode="json")
+    between = [one for one in signal_delays(log, numbers) if one.signal == "joint_velocity"]
+    assert len(between) == 12 and all(abs(one.samples) < 0.5 for one in between)
