@@ -77,13 +77,16 @@ def leaving_alone() -> Iterator[None]:
         os._exit(code if isinstance(code, int) else 1)
 
 
-def share(members: Any) -> Any:
-    """This process's members: equal parts in the order of the processes, the last member repeated to fill them."""
+def share(members: Any, chunk: int = 1) -> Any:
+    """This process's members: equal parts in the order of the processes, the last member repeated to fill them.
+
+    Parts are whole chunks: a member keeps its place in its chunk, on which the last bit of its score depends.
+    """
     processes = jax.process_count()
     if processes == 1:
         return members
     count = len(jax.tree.leaves(members)[0])
-    size = -(-count // processes)
+    size = -(-count // (processes * chunk)) * chunk
     mine = np.minimum(np.arange(size) + size * jax.process_index(), count - 1)
     return jax.tree.map(lambda x: np.asarray(x)[mine], members)
 

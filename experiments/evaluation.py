@@ -72,7 +72,7 @@ class Evaluation:
         """Scores of all members, NumPy leaves with the member axis first; each process runs its share of them."""
         params, settings = self.limited(torque_limit)
         shared = (params, settings, noise_table())
-        mine = share(members)
+        mine = share(members, self.chunk)
         few = len(mine.values) <= SLICE
         scores = self._program(shared, mine) if few else in_slices(self._program, shared, mine, SLICE)
         return gathered(scores, len(members.values))

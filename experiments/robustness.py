@@ -90,6 +90,11 @@ class PerturbedTrials:
         table = {"trial": np.arange(first, first + count), **drawn, "cost": score.cost}
         return table | {name: score.metrics[name] for name in self.units}
 
+    def alone(self, index: int) -> dict[str, np.generic]:
+        """One trial's row, from the chunk that it has its place in: the last bit depends on the place in the vector."""
+        first = index - index % CHUNK
+        return {name: column[index - first] for name, column in self.run(first, CHUNK).items()}
+
     @cached_property
     def units(self) -> dict[str, str]:
         """Units of the metrics, margins included."""

@@ -129,8 +129,7 @@ def analyse(
 def one_trial(plan: Plan, index: int, output: Path | None) -> dict[str, Any]:
     """One trial alone, to the bits it had among the others; with `output`, a report with its motion."""
     trials = plan.trials
-    row = {name: values[0] for name, values in trials.run(index, 1).items()}
-    answer = describe_trial(trials, row, plan.command)
+    answer = describe_trial(trials, trials.alone(index), plan.command)
     if output is not None:
         try:
             output.mkdir(parents=True, exist_ok=True)

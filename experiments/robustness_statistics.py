@@ -62,6 +62,15 @@ def survival(values: np.ndarray, success: np.ndarray, bins: int = BINS) -> Survi
     return Survival(edges, trials, successes, low, high)
 
 
+def dependence(trials: np.ndarray, successes: np.ndarray) -> float:
+    """p value of success being the same in all bins (bins,): small where the disturbance matters (chi square)."""
+    seen = trials > 0
+    table = np.stack([successes[seen], (trials - successes)[seen]])
+    if table.shape[1] < 2 or (table.sum(1) == 0).any():
+        return 1.0
+    return float(stats.chi2_contingency(table).pvalue)
+
+
 class Distribution(NamedTuple):
     """How a figure spreads over the trials."""
 

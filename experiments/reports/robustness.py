@@ -20,13 +20,15 @@ from experiments.reports.page import (
     percent,
     write_report,
 )
-from experiments.robustness_file import RobustnessFile, SurvivalCurve
+from experiments.robustness_file import RobustnessFile, Sensitivity, SurvivalCurve
+from experiments.robustness_statistics import dependence
 from experiments.robustness_trials import DRAWN
 from experiments.robustness_trials import Table as Trials
 
 CURVES: Final = 12  # the disturbances that matter most get a curve
 COLUMNS: Final = 3
 CLOUD: Final = 2000  # dots that a page can show without becoming slow
+ONE_SIDED: Final = 0.1  # rank correlation from which more and less differ
 SURELY: Final = 1e-3  # p value from which a rank is no accident
 
 
@@ -84,7 +86,7 @@ def _summary(file: RobustnessFile) -> str:
 def _survival(file: RobustnessFile) -> list[Block]:
     if not file.survival:
         return [Text("Nothing varied from trial to trial.")]
-    curves = sorted(file.survival, key=_drop, reverse=True)[:CURVES]
+    curves = sorted(file.survival, key=lambda c: dependence(np.array(c.trials), np.array(c.successes)))[:CURVES]
     rows = -(-len(curves) // COLUMNS)
     titles = [f"{curve.name} [{curve.unit}]" for curve in curves]
     spacing = {"vertical_spacing": 0.34 / rows, "horizontal_spacing": 0.06}
@@ -96,17 +98,10 @@ def _survival(file: RobustnessFile) -> list[Block]:
     figure.update_layout(showlegend=False)
     caption = (
         "Share of the trials that succeed, over the size of each disturbance while all others vary too; the band is "
-        "the 95 % interval of each point. Those that change the success most come first. Sideways pushes and slopes "
+        "the 95 % interval of each point. Those that most surely change the success come first. Sideways pushes and slopes "
         "are taken by their size."
     )
     return [Figure(figure, caption)]
-
-
-def _drop(curve: SurvivalCurve) -> float:
-    trials, successes = np.array(curve.trials), np.array(curve.successes)
-    seen = trials >= max(5, 0.01 * trials.sum())
-    rate = successes[seen] / trials[seen]
-    return float(np.ptp(rate)) if len(rate) else 0.0
 
 
 def _curve_traces(curve: SurvivalCurve) -> list[go.Scatter]:
@@ -139,7 +134,7 @@ def _sensitivity(file: RobustnessFile, sample: Trials) -> list[Block]:
         x=[s.share for s in shown],
         y=[s.name for s in shown],
         orientation="h",
-        marker={"color": [GREY if s.p_value > SURELY else ORANGE if s.direction > 0 else GREEN for s in shown]},
+        marker={"color": [_colour(s) for s in shown]},
         customdata=[[s.direction, s.p_value] for s in shown],
         hovertemplate="%{x:.1%} of the cost's rank variance; rank correlation %{customdata[0]:+.2f}, p = "
         "%{customdata[1]:.1e}<extra></extra>",
@@ -149,13 +144,21 @@ def _sensitivity(file: RobustnessFile, sample: Trials) -> list[Block]:
     explained = sum(s.share for s in file.sensitivity)
     caption = (
         "What each perturbation explains alone of how the trials rank by cost (Kruskal and Wallis over ten bins). "
-        f"Orange: more of it is worse; green: more is better; grey: not told from chance. Together {percent(explained)}; "
+        f"Orange: more of it is worse; green: more is better; blue: neither, off to both sides; grey: not told from chance. Together {percent(explained)}; "
         "the rest are interactions, and what sensor noise does."
     )
     return [
         Figure(figure, caption),
         Figure(_cloud(file, sample), "Each trial's cost over the strongest perturbations."),
     ]
+
+
+def _colour(sensitivity: Sensitivity) -> str:
+    if sensitivity.p_value > SURELY:
+        return GREY
+    if abs(sensitivity.direction) < ONE_SIDED:
+        return BLUE
+    return ORANGE if sensitivity.direction > 0 else GREEN
 
 
 def _cloud(file: RobustnessFile, sample: Trials) -> go.Figure:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.robustness_statistics import influence, success_interval, survival
+from experiments.robustness_statistics import dependence, influence, success_interval, survival
 
 N = 4000
 NOISE_SHARE = 0.02  # a perturbation without influence may explain this much of 4000 trials by chance
@@ -57,3 +57,12 @@ def test_survival_counts_every_trial_once() -> None:
     rate = curve.successes / curve.trials
     assert (rate[:5] == 1).all() and (rate[7:] == 0).all()
     assert (curve.low <= rate).all() and (rate <= curve.high).all()
+    assert dependence(curve.trials, curve.successes) < 1e-6
+
+
+def test_dependence_is_rare_where_there_is_none() -> None:
+    rng = np.random.default_rng(4)
+    trials = np.full(10, 50)
+    found = [dependence(trials, rng.binomial(50, 0.8, 10)) for _ in range(300)]
+    assert 0.01 < np.mean(np.array(found) < 0.05) < 0.1  # a p value is uniform: 5 %, 300 times
+    assert dependence(trials, trials) == 1.0 and dependence(np.array([50, 0]), np.array([20, 0])) == 1.0
