@@ -129,15 +129,17 @@ def test_bad_words_are_one_sentence(monkeypatch, words, match):
 
 @pytest.mark.parametrize("count", [1, 5, 8])
 @pytest.mark.parametrize("processes", [2, 3, 4])
-def test_shares_put_together_are_everything(monkeypatch, count, processes):
+@pytest.mark.parametrize("chunk", [1, 3])
+def test_shares_put_together_are_everything(monkeypatch, count, processes, chunk):
     """The gathering is that of JAX; here only which members go where."""
     members = {"x": np.arange(count), "y": np.arange(2.0 * count).reshape(count, 2)}
     parts = []
     for process in range(processes):
         monkeypatch.setattr("jax.process_count", lambda: processes)
         monkeypatch.setattr("jax.process_index", lambda p=process: p)
-        parts.append(share(members))
+        parts.append(share(members, chunk))
     assert len({len(part["x"]) for part in parts}) == 1
+    assert len(parts[0]["x"]) % chunk == 0, "a member would change its place in its chunk"
     monkeypatch.setattr(
         "experiments.distributed._gather", lambda _: {k: np.concatenate([p[k] for p in parts]) for k in members}
     )
