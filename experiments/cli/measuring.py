@@ -78,6 +78,7 @@ def diagnose_command(
     start_jax()
     from experiments.measurement.diagnose import diagnose
     from experiments.measurement.intake import LogFault, read_checked
+    from experiments.measurement.next_experiment import write_commands
     from experiments.reports.data_fault import write_fault_report
     from experiments.reports.diagnosis import write_diagnosis_report
 
@@ -95,6 +96,9 @@ def diagnose_command(
     _folder(output)
     found = diagnose(taken, robot, library, _say)
     _write(output, "diagnosis.json", found.answer)
+    if found.next_experiment.excitation is not None:
+        commands = output / "next_experiment.csv"
+        write_commands(commands, found.next_experiment.excitation, taken[0].joint_names, taken[0].sample_period)
     write_diagnosis_report(output / "report.html", found)
     _say(found.text)
     print(json.dumps(found.answer))

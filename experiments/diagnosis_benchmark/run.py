@@ -20,7 +20,9 @@ from experiments.model import nominal_model
 MAX_BYTES = 50_000_000
 
 
-def run(folder: Path, size: int, seed: int, duration: float, workers: int, say: Callable[[str], None]) -> dict[str, Any]:
+def run(
+    folder: Path, size: int, seed: int, duration: float, workers: int, say: Callable[[str], None]
+) -> dict[str, Any]:
     """Figures of every method, over `size` cases; what lies in the folder already is not done again.
 
     Raises UserError if the folder holds another benchmark.
@@ -64,5 +66,7 @@ def _claim(folder: Path, settings: dict[str, Any]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     note = folder / "benchmark.json"
     if note.exists() and read_json(note, MAX_BYTES) != settings:
-        raise UserError(f"{folder} holds another benchmark: {json.dumps(read_json(note, MAX_BYTES))}; choose a new folder.")
+        raise UserError(
+            f"{folder} holds another benchmark: {json.dumps(read_json(note, MAX_BYTES))}; choose a new folder."
+        )
     write_json(note, settings)

@@ -1,5 +1,6 @@
 """What a log says about bodies, contact and joint sensors: inverse-dynamics residuals and the noise they carry."""
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -88,8 +89,10 @@ def residual_rows(replay: BodyReplay, atoms: Atoms, log: BodyLog, xs: np.ndarray
     """Residuals on raw rows, and the feet's normal force and sliding speed: (H, T, 26 + 4 + 4)."""
     rows, missing = len(log.q), -len(log.q) % PAD
     padded = BodyLog(*(np.concatenate([table, np.repeat(table[-1:], missing, 0)]) for table in log))
-    found = [np.asarray(_one(replay, atoms, padded, x))[:rows] for x in xs.astype(np.float32)]
-    return np.stack(found)
+    places = [(device, jax.device_put(padded, device)) for device in jax.local_devices()]
+    turns = zip(xs.astype(np.float32), itertools.cycle(places))
+    found = [_one(replay, atoms, its_log, jax.device_put(x, device)) for x, (device, its_log) in turns]
+    return np.stack([np.asarray(one)[:rows] for one in found])
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -8,6 +8,7 @@ from experiments.effects.effect import Effect
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.gather import gather
 from experiments.measurement.log import Log
+from experiments.measurement.next_experiment import NextExperiment, next_experiment
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.refit import Nominal, Placed
 from experiments.measurement.selection import Selection, select
@@ -40,6 +41,7 @@ class Diagnosis:
     before: tuple[Misfit, ...]
     after: tuple[Misfit, ...]
     text: str
+    next_experiment: NextExperiment
     answer: dict[str, Any]
 
 
@@ -51,19 +53,31 @@ def diagnose(logs: Sequence[Log], model: Model, library: Mapping[str, Effect], s
 
 def diagnose_evidence(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str], None]) -> Diagnosis:
     """The method on logs that are gathered already."""
-    selection = select(evidence, (), say)
-    if excess(evidence, selection.fit) > WELL_EXPLAINED and (len(selection.fit.effects) != 1):
-        say("trying again with nominal numbers that may be a little off")
-        freed = select(evidence, nominal_freedom(model, evidence[0].atoms.effects), say)
-        if _better(evidence, freed, selection):
-            selection = freed
+    selection = _selected(evidence, model, say)
     verdict, effects = decide(evidence, selection)
     before = tuple(misfit(log, selection.ladder[0].fit, i) for i, log in enumerate(evidence))
     after = tuple(misfit(log, selection.fit, i) for i, log in enumerate(evidence))
     text = in_words(verdict, effects, selection, evidence)
-    return Diagnosis(
-        verdict, effects, selection, evidence, before, after, text, _answer(verdict, effects, selection, evidence, text)
-    )
+    further = next_experiment(evidence, selection, model)
+    answer = _answer(verdict, effects, selection, evidence, text) | {"next_experiment": further.text}
+    return Diagnosis(verdict, effects, selection, evidence, before, after, text, further, answer)
+
+
+def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str], None]) -> Selection:
+    """With the nominal numbers as they stand if that explains the logs, else with numbers that may be a little off.
+
+    A log that slightly different numbers explain lacks no effect, and one that a single effect explains with the
+    nominal numbers needs no others.
+    """
+    strict = select(evidence, (), say, most=0)
+    if excess(evidence, strict.fit) <= WELL_EXPLAINED:
+        return strict if excess(evidence, strict.fit) <= 0 else select(evidence, (), say, most=1)
+    strict = select(evidence, (), say, most=1)
+    if excess(evidence, strict.fit) <= WELL_EXPLAINED:
+        return strict
+    say("trying again with nominal numbers that may be a little off")
+    freed = select(evidence, nominal_freedom(model, evidence[0].atoms.effects), say, least=WELL_EXPLAINED)
+    return freed if _better(evidence, freed, strict) else strict
 
 
 def nominal_freedom(model: Model, effects: Sequence[Effect]) -> tuple[Nominal, ...]:
@@ -114,9 +128,9 @@ def joint_freedom(joint: JointNumbers) -> tuple[Nominal, ...]:
 
 
 def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bool:
-    """Whether freeing the nominal numbers explains more with no more effects."""
-    if len(freed.fit.effects) > len(strict.fit.effects):
-        return excess(logs, freed.fit) < 0.3 * excess(logs, strict.fit)
+    """Whether freeing the nominal numbers explains more, or as much with fewer effects."""
+    if len(freed.fit.effects) < len(strict.fit.effects):
+        return excess(logs, freed.fit) < max(excess(logs, strict.fit), 2.0 * WELL_EXPLAINED)
     return excess(logs, freed.fit) < 0.8 * excess(logs, strict.fit)
 
 

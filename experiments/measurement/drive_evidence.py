@@ -13,7 +13,7 @@ from experiments.measurement.drive_log import DriveLog
 from experiments.measurement.drive_replay import CHANNELS, DriveReplay, measured, true_motion
 from sea_jax import DriveParams, JointMotion, LoopPeriods
 
-LANES = (16, 4)  # sets of numbers per call: one compiled replay for each, so that few sets do not cost as many
+LANES = (8, 2)  # sets of numbers per call: one compiled replay for each, so that few sets do not cost as many
 PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
 SETTLE = 0.05  # s at the start of a log, in which the loops forget what was before it
 FLOOR_DRAWS = 3  # re-noised link motions from which the replay's own noise is estimated
@@ -72,16 +72,18 @@ def drive_evidence(
 def predict(
     replay: DriveReplay, atoms: Atoms, log: DriveLog, motion: JointMotion, xs: np.ndarray, shifts: np.ndarray
 ) -> np.ndarray:
-    """Predictions (H, T, J, 3) through the compiled programs."""
+    """Predictions (H, T, J, 3) through the compiled programs, on all devices in turn."""
+    places = [(device, *jax.device_put((log, motion), device)) for device in jax.local_devices()]
     parts, done = [], 0
     while done < len(xs):
         left = len(xs) - done
         lanes = next((n for n in LANES if n <= left), LANES[-1])
         here = np.minimum(np.arange(done, done + lanes), len(xs) - 1)
-        part = _lanes(replay, atoms, log, motion, xs[here].astype(np.float32), shifts[here].astype(np.float32))
-        parts.append(np.asarray(part)[: min(lanes, left)])
+        device, its_log, its_motion = places[len(parts) % len(places)]
+        numbers = jax.device_put((xs[here].astype(np.float32), shifts[here].astype(np.float32)), device)
+        parts.append(_lanes(replay, atoms, its_log, its_motion, *numbers)[: min(lanes, left)])
         done += lanes
-    return np.concatenate(parts)
+    return np.concatenate([np.asarray(part) for part in parts])
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -18,8 +18,8 @@ from experiments.measurement.joint_replay import (
     JointLog,
     JointReplay,
     corner,
-    filtered,
     low_pass,
+    moving,
     raw_rows,
     rigid_drive,
 )
@@ -33,6 +33,7 @@ LANES = 16  # sets of numbers per call of the compiled replay
 PAD = 2000  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
 MODEL_ERROR = 0.01  # of the RMS effort: what the best model of a real machine leaves; below it nothing is missing
 FLOOR_DRAWS = 4
+REACH = 3.0  # periods of the corner from a log's end, within which filters do not know what was before
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,15 @@ class Filter:
         return max(1, round(0.5 / (self.frequency * self.period)))
 
     def log(self, position: np.ndarray, effort: np.ndarray) -> JointLog:
-        return filtered(position, effort, self.frequency, self.period)
+        return moving(position, effort, self.frequency, self.period)
+
+    def inner(self, rows: int) -> np.ndarray:
+        """1.0 for the judged rows (N,) of a log of so many rows that the filter's ends do not reach."""
+        count = -(-rows // self.stride)
+        ends = round(REACH / (self.frequency * self.period * self.stride))
+        found = np.zeros(count)
+        found[ends : count - ends] = 1.0
+        return found
 
     def thinned(self, rows: np.ndarray) -> np.ndarray:
         """(H, T) filtered, every stride-th row of it: (H, N)."""
@@ -97,7 +106,8 @@ class JointEvidence:
     def fit_percent(self, point: Point, rows: np.ndarray | None = None) -> float:
         """100 (1 - |effort - model| / |effort|) over all rows, or those of a mask (N,)."""
         error, effort = self.filter.thinned(self.predict([point]))[0], self.measured()
-        chosen = np.ones(len(effort), bool) if rows is None else rows
+        chosen = self.filter.inner(self.rows) > 0
+        chosen = chosen if rows is None else chosen & rows
         return float(100.0 * (1.0 - np.linalg.norm(error[chosen]) / np.linalg.norm(effort[chosen])))
 
     def block_of_rows(self) -> np.ndarray:
@@ -156,7 +166,7 @@ def joint_evidence(log: Log, model: Model, library: Mapping[str, Effect], noise:
     effects = _effects(log, model, library, own, filter_, still)
     atoms = Atoms(tuple(effects.values()), log.joint_names)
     replay = JointReplay(rigid_drive(joint), joint.gravity_load, atoms.active(), period)
-    used = (filter_.thinned((speed > still).astype(float)[None])[0] > 0.99).astype(float)
+    used = (filter_.thinned((speed > still).astype(float)[None])[0] > 0.99) * filter_.inner(log.rows)
     floor = _floor(filter_, replay, atoms, still, position, effort, used, noise)
     return JointEvidence(
         name=log.name,

@@ -27,12 +27,14 @@ Array = jax.Array
 LOWEST, HIGHEST = 8.0, 100.0  # Hz of the zero-phase filter's corner
 RESOLVED = 0.15  # of the sampling rate: the highest corner that the rows resolve
 LOUD = 0.1  # of the effort: what the encoder's noise may add to it through the acceleration
+WIDER = 2.0
+HIGHEST_SHARE = 0.45  # of the sampling rate, for any filter
 ORDER = 4
 STILL = 0.01  # of the largest speed, below which the joint may stand
 
 
 class JointLog(NamedTuple):
-    """One joint, filtered; every array (T,) float32: rad (m), rad/s, rad/s^2, N m (N)."""
+    """One joint; every array (T,) float32: rad (m), rad/s, rad/s^2, N m (N)."""
 
     position: np.ndarray
     velocity: np.ndarray
@@ -120,12 +122,15 @@ def corner(inertia: float, effort: float, noise: float, period: float) -> float:
     return float(min(np.clip(loud, LOWEST, HIGHEST), RESOLVED / period))
 
 
-def filtered(position: np.ndarray, effort: np.ndarray, frequency: float, period: float) -> JointLog:
-    """Both through the same zero-phase filter; velocity and acceleration by central differences."""
-    smooth = low_pass(position, frequency, period)
+def moving(position: np.ndarray, effort: np.ndarray, frequency: float, period: float) -> JointLog:
+    """Motion by central differences behind a filter of WIDER times the frequency at which all residuals are filtered.
+
+    Effort and friction, which jump, then pass one filter alike; the motion's own is flat where that one passes.
+    """
+    smooth = low_pass(position, min(WIDER * frequency, HIGHEST_SHARE / period), period)
     velocity = np.gradient(smooth, period)
     acceleration = np.gradient(velocity, period)
-    return JointLog(*(np.float32(x) for x in (smooth, velocity, acceleration, low_pass(effort, frequency, period))))
+    return JointLog(*(np.float32(x) for x in (smooth, velocity, acceleration, effort)))
 
 
 def low_pass(values: np.ndarray, frequency: float, period: float) -> np.ndarray:

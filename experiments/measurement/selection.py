@@ -14,7 +14,7 @@ from experiments.effects.effect import Effect
 from experiments.effects.places import mask
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import Change, Products, Variant, changes_of, gain, projected
-from experiments.measurement.refit import Nominal, Placed, Refitted, refit
+from experiments.measurement.refit import Nominal, Placed, Refitted, refit, refit_effects
 
 MOST_EFFECTS = 6
 FINALISTS = 5  # effects that are refitted in each round
@@ -61,28 +61,30 @@ class Selection:
     ladder: list[Rung] = field(default_factory=list)
     rankings: list[list[Scored]] = field(default_factory=list)
     ties: list[list[tuple[str, str]]] = field(default_factory=list)
+    winners: list[Refitted] = field(default_factory=list)
+    rivals: list[list[Refitted]] = field(default_factory=list)  # of each winner, fitted as well as it
 
 
 def select(
-    logs: Sequence[Evidence], nominal: Sequence[Nominal], say: Callable[[str], None], most: int = MOST_EFFECTS
+    logs: Sequence[Evidence], nominal: Sequence[Nominal], say: Callable[[str], None], most: int = MOST_EFFECTS, least: float = NOISE
 ) -> Selection:
-    """Add effects while held-out blocks say that each is there."""
+    """Add effects while held-out blocks say that each is there and chi^2 per residual exceeds 1 by more than `least`."""
     effects = logs[0].atoms.effects
     changes, variants = changes_of(effects)
     train, test = halves(logs)
     fit = refit(logs, (), nominal, iterations=3)
-    proof = refit(logs, (), nominal, fit, train, iterations=2)
+    proof = refit(logs, (), nominal, fit, train, iterations=1)
     selection = Selection(fit, nominal, ladder=[Rung("nominal model", fit, proof)])
-    while len(selection.fit.effects) < most and _excess(logs, selection.fit) > NOISE:
+    while len(selection.fit.effects) < most and _excess(logs, selection.fit) > least:
         say(f"scoring {len(variants)} hypotheses at every place")
         ranking = score(logs, selection.fit, nominal, changes, variants)
         selection.rankings.append(ranking)
-        before = _on(refit(logs, selection.fit.effects, nominal, selection.fit, train, 2), test)
+        before = _on(refit_effects(logs, selection.fit.effects, nominal, selection.fit, train, 2), test)
         finalists = []
         for scored in _finalists(ranking, selection.fit.effects):
             say(f"refitting {scored.effect.name}@{scored.where}")
             trial = (*selection.fit.effects, Placed(scored.effect.name, scored.where, scored.values))
-            fitted = refit(logs, trial, nominal, selection.fit, train, SHORT_FIT)
+            fitted = refit_effects(logs, trial, nominal, selection.fit, train, SHORT_FIT)
             finalists.append(Finalist(scored, fitted, _on(fitted, test)))
         finalists.sort(key=lambda f: f.held_out)
         if not finalists or not _proven(finalists[0], before, logs, test):
@@ -90,6 +92,8 @@ def select(
         winner, rivals = _simplest(finalists, before, _weight(logs, test))
         full = refit(logs, winner.fit.effects, nominal, winner.fit)
         selection.ties.append([(f.scored.effect.name, f.scored.where) for f in rivals])
+        selection.winners.append(winner.fit)
+        selection.rivals.append([f.fit for f in rivals])
         selection.fit = full
         selection.ladder.append(Rung(f"+ {winner.scored.effect.name}@{winner.scored.where}", full, winner.fit))
     return selection
@@ -147,7 +151,8 @@ def _simplest(finalists: list[Finalist], before: float, noise: float) -> tuple[F
     """
     best = finalists[0].held_out
     reach = max(TIE * min(best - noise, before - best), LEAST_GAIN)
-    close = [f for f in finalists if f.held_out - best < reach]
+    enough = max(best + reach, noise)  # nothing is better than noise
+    close = [f for f in finalists if f.held_out <= enough]
     fewest = min(len(f.scored.effect.parameters) for f in close)
     simple = [f for f in close if len(f.scored.effect.parameters) == fewest]
     return simple[0], simple[1:]
