@@ -85,7 +85,11 @@ class BodyReplay:
         foot_force = on_ground[:, None] * solve3(leg_jacobian, on_legs)
         on_torso = on_torso - jnp.concatenate([foot_force.sum(0), mv(s.R_WB.T, jnp.cross(arm, foot_force).sum(0))])
         omega = mv(s.R_WB, u[3:6])[None]
-        velocity = u[None, :3] + jnp.cross(jnp.broadcast_to(omega, arm.shape), arm) + (leg_jacobian * u[6:].reshape(4, 3, 1)).sum(1)
+        velocity = (
+            u[None, :3]
+            + jnp.cross(jnp.broadcast_to(omega, arm.shape), arm)
+            + (leg_jacobian * u[6:].reshape(4, 3, 1)).sum(1)
+        )
         normal = (foot_force * n).sum(-1)
         tangential = foot_force - normal[:, None] * n
         sliding = velocity - (velocity * n).sum(-1)[:, None] * n
