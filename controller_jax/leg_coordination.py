@@ -3,7 +3,8 @@
 All as arrays over the legs. Rules (FACTS 3.4): a leg supports if it is planned to stand, touches and does not
 slip. A touching leg in swing is late to lift off (early in the swing: it swings on), early to touch down (late
 in the swing: it supports at once), or has hit an obstacle (between: it is raised). A leg that should stand but
-does not touch, or slips, is lowered along the ground's normal until it finds ground.
+does not touch, or slips, is lowered along the ground's normal until it finds ground: from where it was, held there
+sideways, and at a speed of its own, because a target tied to the present foot follows a falling torso upwards.
 """
 
 from typing import NamedTuple
@@ -22,7 +23,9 @@ class CoordinationParams(NamedTuple):
     tolerance: Array  # () phase by which touch-down and lift-off may differ from the plan without an event
     slip_distance: Array  # () m, and
     slip_speed: Array  # () m/s, both exceeded by a foot that slips
-    lowering: Array  # () m below the present foot, to regain contact
+    contact_hold: Array  # () s for which a support leg may lose contact and still push
+    lowering: Array  # () m by which a foot that seeks the ground starts below where it was, and
+    lowering_speed: Array  # () m/s at which it goes on along the ground's normal, whatever the torso does
     raising: Array  # () m above the present foot, and added to the swing, after hitting an obstacle
 
 
@@ -34,6 +37,8 @@ class LegMemory(NamedTuple):
     touched: Array  # (4,) 1.0 once the foot has touched in this stance
     lift_off_phase: Array  # (4,) swing phase at which the foot really left the ground
     obstacle: Array  # (4,) 1.0 once the foot has hit something in this swing
+    air_time: Array  # (4,) s since the last contact
+    sought_W: Array  # (4, 3) where a foot without contact goes to find ground, m
 
 
 class LegEvents(NamedTuple):
@@ -53,14 +58,15 @@ class LegRoles(NamedTuple):
 
     support: Array  # 1.0 force-controlled, 0.0 position-controlled
     swing_progress: Array  # 0..1 from the real lift-off to the planned touch-down
-    reflex: Array  # m along the ground's normal from the present foot: < 0 lower, > 0 raise, 0 follow the swing
+    raising: Array  # m above the present foot, 0 to follow the swing
+    seek: Array  # 1.0 where the foot goes to the memory's `sought_W`
     clearance: Array  # m on top of the apex of the swing
 
 
 def standing(soles_W: Array) -> LegMemory:
     """Memory of four legs that stand on soles_W (4, 3)."""
     zero = jnp.zeros(4, soles_W.dtype)
-    return LegMemory(soles_W, jnp.zeros_like(soles_W), zero + 1.0, zero, zero)
+    return LegMemory(soles_W, jnp.zeros_like(soles_W), zero + 1.0, zero, zero, zero, soles_W)
 
 
 def coordinate(
@@ -70,9 +76,13 @@ def coordinate(
     contact: Array,
     soles_W: Array,
     slip_velocity_W: Array,
+    normal_W: Array,
     period: Array,
 ) -> tuple[LegMemory, LegRoles, LegEvents]:
-    """One control period (s). contact (4,) 0 or 1; soles_W (4, 3) m; slip_velocity_W (4, 3) of the soles, m/s."""
+    """One control period (s). contact (4,) 0 or 1; soles_W (4, 3) m; slip_velocity_W (4, 3) of the soles, m/s.
+
+    normal_W: (3,) of the ground, along which a foot seeks contact.
+    """
     stand, touch = phases.stance > 0.0, contact > 0.0
     swing, air = ~stand, ~touch
     touched = memory.touched > 0.0
@@ -92,7 +102,12 @@ def coordinate(
     fast = (slip_velocity_W * slip_velocity_W).sum(-1) > params.slip_speed**2
     slip = stand & touch & far & fast
 
-    seek = (stand & air & ~early_lift_off) | slip
+    # a foot that bounces keeps pushing: position control would throw it about and be late when it is back
+    air_time = jnp.where(touch, 0.0, memory.air_time + period)
+    holds = touch | (touched & (air_time <= params.contact_hold))
+    seek = (stand & ~holds & ~early_lift_off) | slip
+    below = memory.sought_W - period * params.lowering_speed * normal_W[None]
+    sought_W = jnp.where(seek[:, None], below, soles_W - params.lowering * normal_W[None])
     hit = swing & ((memory.obstacle > 0.0) | obstacle)
     grounded = lands | late_lift_off
     lift_off_phase = jnp.where(late_lift_off, phases.swing_phase, memory.lift_off_phase)
@@ -107,11 +122,14 @@ def coordinate(
         touched=flag((stand | late_swing) & (touched | lands)),
         lift_off_phase=lift_off_phase,
         obstacle=flag(hit),
+        air_time=air_time,
+        sought_W=sought_W,
     )
     roles = LegRoles(
-        support=flag((stand & touch & ~slip) | early_touch_down),
+        support=flag((stand | late_swing) & holds & ~slip),
         swing_progress=(phases.swing_phase - lift_off_phase) / (1.0 - lift_off_phase),
-        reflex=params.raising * flag(obstacle) - params.lowering * flag(seek),
+        raising=params.raising * flag(obstacle),
+        seek=flag(seek),
         clearance=params.raising * flag(hit),
     )
     events = LegEvents(

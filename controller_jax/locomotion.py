@@ -115,7 +115,7 @@ def step(
     pattern, phase = _schedule(params, state.phase, time, period)
     phases = gait.leg_phases(pattern, phase)
     memory, roles, events = leg_coordination.coordinate(
-        params.coordination, state.legs, phases, robot.contact, soles_W, slip_W, period
+        params.coordination, state.legs, phases, robot.contact, soles_W, slip_W, state.plane.normal_W, period
     )
     plane = terrain_estimator.estimate(params.terrain, state.plane, memory.foothold_W, period)
     R_WC = control_frame(R_WB, plane.normal_W)
@@ -182,6 +182,13 @@ def _swing(params, geometry, robot, memory, roles, phases, R_WC, plane, command,
         plane,
         roles.clearance,
     )
-    reflex = (roles.reflex != 0.0)[:, None]
-    sought = soles_W + roles.reflex[:, None] * plane.normal_W[None]
-    return FootMotion(jnp.where(reflex, sought, motion.position), jnp.where(reflex, 0.0, motion.velocity))
+    normal = plane.normal_W[None]
+    lowering = FootMotion(memory.sought_W, -params.coordination.lowering_speed * normal)
+    raising = FootMotion(soles_W + roles.raising[:, None] * normal, jnp.zeros_like(normal))
+    seek, hit = (roles.seek > 0.0)[:, None], (roles.raising > 0.0)[:, None]
+    return FootMotion(
+        *(
+            jnp.where(seek, low, jnp.where(hit, high, swing))
+            for low, high, swing in zip(lowering, raising, motion, strict=True)
+        )
+    )

@@ -11,17 +11,19 @@ from controller_jax.gait import LegPhases
 PERIOD = 0.0025
 PARAMS = coordination.CoordinationParams(
     late_lift_off=0.3, early_touch_down=0.6, tolerance=0.1, slip_distance=0.01, slip_speed=0.01,
-    lowering=0.01, raising=0.04,
+    contact_hold=0.005, lowering=0.01, lowering_speed=0.5, raising=0.04,
 )  # fmt: skip
 PARAMS = jax.tree.map(jnp.float32, PARAMS)
 STILL = np.zeros((4, 3))
+UP = np.float32([0.0, 0.6, 0.8])  # normal of a slope
+LONG = 1.0  # s without contact
 
 
 @jax.jit
 def tick(memory, stance, stance_phase, swing_phase, contact, soles, velocity):
     ones = jnp.ones(4)
     phases = LegPhases(stance * ones, stance_phase * ones, swing_phase * ones, 0.3 * ones, 0.3 * ones)
-    return coordination.coordinate(PARAMS, memory, phases, contact * ones, soles, velocity, jnp.float32(PERIOD))
+    return coordination.coordinate(PARAMS, memory, phases, contact * ones, soles, velocity, UP, jnp.float32(PERIOD))
 
 
 def step(memory, stance, phase, contact, soles=STILL, velocity=STILL):
@@ -31,7 +33,8 @@ def step(memory, stance, phase, contact, soles=STILL, velocity=STILL):
 
 
 def remembered(touched):
-    return coordination.standing(jnp.zeros((4, 3)))._replace(touched=jnp.full(4, touched, jnp.float32))
+    memory = coordination.standing(jnp.zeros((4, 3)))
+    return memory._replace(touched=jnp.full(4, touched, jnp.float32), air_time=jnp.full(4, LONG, jnp.float32))
 
 
 # planned stance, phase of it, contact, touched before -> supports, event, reflex (- lower, + raise)
@@ -57,7 +60,31 @@ def test_role_event_and_reflex(stance, phase, contact, touched, supports, event,
     assert np.all(np.asarray(roles.support) == supports)
     raised = {name for name, value in events._asdict().items() if np.all(np.asarray(value) > 0)}
     assert raised == ({event} if event else set())
-    np.testing.assert_allclose(roles.reflex, {-1: -0.01, 0: 0.0, 1: 0.04}[reflex], rtol=1e-6)
+    assert np.all(np.asarray(roles.seek) == (reflex < 0))
+    np.testing.assert_allclose(roles.raising, 0.04 if reflex > 0 else 0.0, rtol=1e-6)
+
+
+def test_a_foot_seeks_the_ground_below_where_it_was_at_its_own_speed():
+    lost, thrown = np.full((4, 3), 0.3), np.full((4, 3), 0.4)
+    memory, *_ = step(remembered(1.0), 1, 0.3, 1, soles=lost)
+    for _ in range(10):  # 2 ticks of holding, 8 of seeking
+        memory, roles, _ = step(memory, 1, 0.4, 0, soles=thrown)
+    start = thrown - 0.01 * UP  # where it was when the search began
+    np.testing.assert_allclose(memory.sought_W, start - 8 * PERIOD * 0.5 * UP, rtol=1e-5)
+    assert np.all(np.asarray(roles.seek) == 1.0)
+
+
+def test_a_bouncing_foot_keeps_pushing_for_a_moment():
+    memory, *_ = step(remembered(0.0), 1, 0.2, 1)
+    supports = []
+    for _ in range(4):
+        memory, roles, _ = step(memory, 1, 0.3, 0)
+        supports.append(bool(np.all(np.asarray(roles.support) > 0)))
+    assert supports == [True, True, False, False]
+    memory, roles, _ = step(memory, 1, 0.4, 1)
+    assert np.all(np.asarray(roles.support) == 1.0)
+    _, roles, _ = step(memory, 0, 0.1, 0)  # planned to swing: no holding
+    assert np.all(np.asarray(roles.support) == 0.0)
 
 
 def test_slip_needs_both_distance_and_speed():
@@ -72,7 +99,7 @@ def test_slip_needs_both_distance_and_speed():
         slipped.append(bool(np.all(np.asarray(events.slip) > 0)))
         assert np.all(np.asarray(roles.support) == (not slipped[-1]))
     assert slipped == [False] * 6 + [True] * 6  # 2 + 1.25 k mm pass 10 mm at k = 7
-    np.testing.assert_allclose(roles.reflex, -0.01, rtol=1e-6)
+    assert np.all(np.asarray(roles.seek) == 1.0)
     _, _, events = step(memory, 1, 0.4, 1, velocity=slow)
     assert not np.any(events.slip)
 
