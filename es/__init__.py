@@ -2,7 +2,7 @@
 
 from es.checkpoint import Checkpointer, CheckpointError
 from es.progress import Generation, Progress
-from es.refine import Refined, RefineSettings, refine
+from es.refine import Descent, Refined, RefineSettings, refine
 from es.result import SearchFailed, SearchResult, StageResult
 from es.risk import Risk, reduce_costs
 from es.search import SearchInterrupted, SearchSettings, search
@@ -12,6 +12,7 @@ from es.stages import Stage
 __all__ = [
     "CheckpointError",
     "Checkpointer",
+    "Descent",
     "Generation",
     "Parameter",
     "ParameterSpace",

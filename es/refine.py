@@ -1,4 +1,9 @@
-"""Gradient refinement of a parameter vector: Adam in normalised coordinates, projected to the bounds."""
+"""Gradient refinement: slopes of a smooth approximation say where to go, the true cost says how far, and whether.
+
+Each step draws one slope, makes two directions of it, Adam's and the steepest, tries a ladder of lengths along both
+at the true cost, all at once, and goes to the best of these points if it is better than where it stands. So the cost
+never rises, however wrong a slope is, and what is accepted was measured and not predicted.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +17,8 @@ from es.checks import check_count, check_number
 from es.numerics import library_numerics
 from es.space import ParameterSpace
 
-ValueAndGrad = Callable[[np.ndarray], tuple[Any, Any]]
+Slope = Callable[[np.ndarray, int], Any]  # (values (n,), step) -> (n,) cost per unit of each parameter
+Costs = Callable[[np.ndarray], Any]  # (P, n) values -> (P,)
 
 
 @dataclass(frozen=True)
@@ -20,24 +26,42 @@ class RefineSettings:
     """Settings of the descent. ValueError if one makes no sense."""
 
     steps: int = 50
-    learning_rate: float = 0.01  # largest first step, normalised (of the range, with the default scale)
-    clip_norm: float = 1.0  # gradients (cost per normalised unit) longer than this are shortened to it
-    patience: int = 5  # evaluations in a row that may fail before the descent is given up
+    length: float = 0.01  # of the first step, normalised (of the range, with the default scale)
+    longest: float = 0.1  # of any step
+    shortest: float = 1e-5  # below this the descent is over
+    rungs: int = 8  # lengths tried along each direction, each half of the one before
 
     def __post_init__(self) -> None:
         check_count("steps", self.steps, at_least=1)
-        check_number("learning_rate", self.learning_rate, above=0.0)
-        check_number("clip_norm", self.clip_norm, above=0.0)
-        check_count("patience", self.patience, at_least=1)
+        check_number("length", self.length, above=0.0)
+        check_number("longest", self.longest, above=0.0)
+        check_number("shortest", self.shortest, above=0.0)
+        check_count("rungs", self.rungs, at_least=1)
+
+    @property
+    def population(self) -> int:
+        """Points tried in each step."""
+        return 2 * self.rungs
 
 
 class Step(NamedTuple):
-    """One evaluation of the descent."""
+    """One step of the descent."""
 
+    cost: float  # true cost after it
+    tried: float  # best of the points tried
+    slope_norm: float  # normalised; NaN where the slope was not finite
+    length: float  # of the step taken, normalised; 0 where none was better
+
+
+class Descent(NamedTuple):
+    """Everything that the next step depends on."""
+
+    y: np.ndarray  # (n,) normalised
     cost: float
-    gradient_norm: float  # normalised, before clipping
-    failed: bool  # cost or gradient was not finite
-    learning_rate: float  # normalised
+    initial_cost: float
+    length: float  # where the next ladder is centred
+    momentum: Any  # Adam's
+    history: tuple[Step, ...]
 
 
 class Refined(NamedTuple):
@@ -47,7 +71,6 @@ class Refined(NamedTuple):
     best_cost: float
     initial_cost: float
     history: tuple[Step, ...]
-    gave_up: bool  # `patience` evaluations in a row failed, or the first had no gradient
 
     @property
     def improved(self) -> bool:
@@ -55,72 +78,75 @@ class Refined(NamedTuple):
         return self.best_cost < self.initial_cost
 
 
+def begin(costs: Costs, space: ParameterSpace, initial: np.ndarray, settings: RefineSettings) -> Descent:
+    """Before the first step from `initial` (n,). Raises ValueError if it is out of bounds or has no finite cost."""
+    space.named(initial)  # refuses what is out of bounds
+    cost = float(np.asarray(costs(np.repeat(np.asarray(initial)[None], settings.population, 0)))[0])
+    if not np.isfinite(cost):
+        raise ValueError("the cost at the point to be refined is not finite, so there is nothing to refine")
+    return Descent(space.normalise(initial), cost, cost, settings.length, _no_momentum(space.size), ())
+
+
 def refine(
-    value_and_grad: ValueAndGrad,
+    slope: Slope,
+    costs: Costs,
     space: ParameterSpace,
     initial: np.ndarray,
     settings: RefineSettings,
-    on_step: Callable[[Step], None] | None = None,
+    on_step: Callable[[Descent], None] | None = None,
+    resumed: Descent | None = None,
 ) -> Refined:
-    """Descend from `initial` (n,); `value_and_grad(x)` gives cost () and gradient (n,) in the parameters' units.
+    """Descend from `initial` (n,) on `costs`, or go on from a descent that `on_step` got.
 
-    A cost or gradient that is not finite is an answer like another: the descent goes back to the best point that had
-    a gradient, forgets its momentum and halves its step. Raises ValueError if `initial` is out of bounds or has no
-    finite cost.
+    A slope or a cost that is not finite is an answer like another: no step is taken on it.
+    Raises ValueError if `initial` is out of bounds or has no finite cost.
     """
-    space.named(initial)  # refuses what is out of bounds
-    adam = optax.scale_by_adam()
-    schedule = optax.cosine_decay_schedule(settings.learning_rate, settings.steps)
-    y = space.normalise(initial)
-    momentum = fresh = adam.init(jnp.asarray(y))
-    best, history, anchor = Point(y, np.inf, y), [], None
-    failures, in_a_row = 0, 0
-
-    for index in range(settings.steps + 1):  # the last evaluation judges the last step
-        point = _evaluate(value_and_grad, space, y)
-        failed = not (np.isfinite(point.cost) and np.all(np.isfinite(point.slope)))
-        with library_numerics():
-            rate = float(schedule(index)) * 0.5**failures
-        history.append(Step(point.cost, float(np.linalg.norm(point.slope)), failed, rate))
+    descent = resumed or begin(costs, space, initial, settings)
+    while len(descent.history) < settings.steps and descent.length >= settings.shortest:
+        descent = advance(slope, costs, space, settings, descent)
         if on_step is not None:
-            on_step(history[-1])
-        if not np.isfinite(history[0].cost):
-            raise ValueError("the cost at the point to be refined is not finite, so there is nothing to refine")
-        if point.cost < best.cost and np.isfinite(point.cost):
-            best = point
-        if not failed and (anchor is None or point.cost < anchor.cost):
-            anchor = point
-        failures, in_a_row = failures + failed, in_a_row + 1 if failed else 0
-        if anchor is None or in_a_row >= settings.patience:
-            break
-        base, momentum, rate = (anchor, fresh, rate / 2) if failed else (point, momentum, rate)
-        with library_numerics():
-            step, momentum = adam.update(_clipped(base.slope, settings.clip_norm), momentum)
-        y = np.clip(base.y - np.float32(rate) * np.asarray(step), 0.0, space.normalised_high)
-    return Refined(
-        space.denormalise(best.y), best.cost, history[0].cost, tuple(history), len(history) <= settings.steps
-    )
+            on_step(descent)
+    moved = descent.cost < descent.initial_cost
+    best = space.denormalise(descent.y) if moved else np.asarray(initial, np.float32)
+    return Refined(best, descent.cost, descent.initial_cost, descent.history)
 
 
-class Point(NamedTuple):
-    """A place, normalised, and what is known there."""
+def advance(slope: Slope, costs: Costs, space: ParameterSpace, settings: RefineSettings, descent: Descent) -> Descent:
+    """One step."""
+    gradient = np.asarray(slope(space.denormalise(descent.y), len(descent.history)), np.float64)
+    if gradient.shape != (space.size,):
+        raise ValueError(f"slope must return {space.size} derivatives, not the shape {gradient.shape}")
+    gradient = gradient * space.scale
+    norm = float(np.linalg.norm(gradient))
+    if not np.isfinite(norm) or norm == 0.0:
+        return _stay(settings, descent, Step(descent.cost, np.inf, norm, 0.0))
+    steepest = gradient / norm
+    with library_numerics():
+        step, momentum = optax.scale_by_adam().update(jnp.asarray(steepest, jnp.float32), descent.momentum)
+    adam = np.asarray(step, np.float64)
+    directions = np.stack([adam / np.linalg.norm(adam), steepest])
 
-    y: np.ndarray  # (n,)
-    cost: float
-    slope: np.ndarray  # (n,) cost per normalised unit, float64
+    lengths = np.minimum(2.0 * descent.length, settings.longest) * 0.5 ** np.arange(settings.rungs)
+    points = descent.y - lengths[:, None, None] * directions[None]
+    points = np.clip(points.reshape(-1, space.size), 0.0, space.normalised_high).astype(np.float32)
+    found = np.asarray(costs(space.denormalise(points)), np.float64)
+    if found.shape != (len(points),):
+        raise ValueError(f"costs must return {len(points)} costs, not an array of shape {found.shape}")
+    found = np.where(np.isfinite(found), found, np.inf)
+    best = int(np.argmin(found))
+    if not found[best] < descent.cost:
+        return _stay(settings, descent, Step(descent.cost, float(found[best]), norm, 0.0))
+    cost, length = float(found[best]), float(lengths[best // 2])
+    history = (*descent.history, Step(cost, cost, norm, length))
+    return descent._replace(y=points[best], cost=cost, length=length, momentum=momentum, history=history)
 
 
-def _evaluate(value_and_grad: ValueAndGrad, space: ParameterSpace, y: np.ndarray) -> Point:
-    cost, gradient = value_and_grad(space.denormalise(y))
-    gradient = np.asarray(gradient)
-    if np.shape(cost) != () or gradient.shape != (space.size,):
-        raise ValueError(
-            f"value_and_grad must return a cost and {space.size} derivatives, not the shapes {np.shape(cost)} and "
-            f"{gradient.shape}"
-        )
-    return Point(y, float(cost), gradient.astype(np.float64) * space.scale)
+def _stay(settings: RefineSettings, descent: Descent, step: Step) -> Descent:
+    """The same point with a shorter ladder and no momentum."""
+    fresh = _no_momentum(len(descent.y))
+    return descent._replace(length=0.5 * descent.length, momentum=fresh, history=(*descent.history, step))
 
 
-def _clipped(slope: np.ndarray, longest: float) -> jnp.ndarray:
-    """Shortened to `longest`; in float64, as the square of a long gradient overflows float32 and would clip to 0."""
-    return jnp.asarray(slope / max(1.0, float(np.linalg.norm(slope)) / longest), jnp.float32)
+def _no_momentum(size: int) -> Any:
+    with library_numerics():
+        return optax.scale_by_adam().init(jnp.zeros(size, jnp.float32))
