@@ -6,6 +6,7 @@ factor (Woodbury), both made once per problem: with D = W + penalty rows^T rows 
     x = x_D + D^-1 A^T M^-1 (b - A x_D),    x_D = penalty D^-1 rows^T (z - y).
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -28,8 +29,13 @@ class AdmmResult(NamedTuple):
     multiplier: Array  # (4, 8) penalty * y: how hard a row presses, > 0 at its upper bound
 
 
-def admm(problem: ForceProblem, force: Array, multiplier: Array, iterations: int) -> AdmmResult:
-    """Run a fixed number of iterations from a force (4, 3) and multipliers (4, 8)."""
+def admm(
+    problem: ForceProblem, force: Array, multiplier: Array, iterations: int, clip: Callable[..., Array] = jnp.clip
+) -> AdmmResult:
+    """Run a fixed number of iterations from a force (4, 3) and multipliers (4, 8).
+
+    clip(x, lower, upper) is the projection onto the limits; a rounded one makes the force a smooth function.
+    """
     rows, A, load = problem.rows, problem.A, problem.load
     W = problem.regularizer / jnp.where(load > 0.0, load, 1.0)
     rows_T = jnp.swapaxes(rows, 1, 2)
@@ -46,9 +52,9 @@ def admm(problem: ForceProblem, force: Array, multiplier: Array, iterations: int
     def iterate(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
         z, y = carry
         relaxed = OVER_RELAXATION * mv(rows, x_step(z - y)) + (1.0 - OVER_RELAXATION) * z
-        z = jnp.clip(relaxed + y, problem.lower, problem.upper)
+        z = clip(relaxed + y, problem.lower, problem.upper)
         return (z, y + relaxed - z), None
 
-    start = (jnp.clip(mv(rows, force), problem.lower, problem.upper), multiplier / PENALTY)
+    start = (clip(mv(rows, force), problem.lower, problem.upper), multiplier / PENALTY)
     (z, y), _ = jax.lax.scan(iterate, start, None, length=iterations)
     return AdmmResult(x_step(z - y), PENALTY * y)

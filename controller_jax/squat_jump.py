@@ -136,7 +136,7 @@ def default_settings(geometry: LegGeometry, control_period: float = 2.5e-3) -> S
 def initial_pose(settings: SquatJumpSettings, params: SquatJumpParams) -> tuple[Array, Array]:
     """Joint positions (12,) of the crouch, feet under the hips, and the joint torques (12,) that carry it."""
     geometry = settings.geometry
-    q = inverse_kinematics(geometry, _under_hips(geometry, params.initial_height - geometry.foot_radius))
+    q = inverse_kinematics(geometry, under_hips(geometry, params.initial_height - geometry.foot_radius))
     legs = leg_kinematics(geometry, q)
     total = geometry.torso_mass + 4.0 * geometry.link_mass.sum()
     quarter = jnp.stack([jnp.zeros(()), jnp.zeros(()), 0.25 * total * geometry.gravity])
@@ -189,7 +189,7 @@ def step(
     foot_below_hip = _foot_below_hip(settings, params, state, elapsed)
     targets = JointTargets(
         torque=jnp.clip(torque, limits[:, 0], limits[:, 1]),
-        position=inverse_kinematics(geometry, _under_hips(geometry, foot_below_hip)),
+        position=inverse_kinematics(geometry, under_hips(geometry, foot_below_hip)),
         position_mode=jnp.repeat(1.0 - support, 3),
     )
     grounded = 1.0 - flying
@@ -310,7 +310,7 @@ def _foot_below_hip(
     return jnp.where(state.phase == FLIGHT, flight, params.foot_knots[2])
 
 
-def _under_hips(geometry: LegGeometry, below: Array) -> Array:
+def under_hips(geometry: LegGeometry, below: Array) -> Array:
     """Feet (4, 3) straight under the hips, torso frame."""
     down = jnp.stack([jnp.zeros(()), jnp.zeros(()), -below])
     return geometry.r_BH_B + down[None]

@@ -77,6 +77,11 @@ class Refined(NamedTuple):
         """Whether the descent lowered the cost at all."""
         return self.best_cost < self.initial_cost
 
+    @property
+    def course(self) -> np.ndarray:
+        """(steps + 1,) true cost before the first step and after each."""
+        return np.array([self.initial_cost, *(step.cost for step in self.history)])
+
 
 def begin(costs: Costs, space: ParameterSpace, initial: np.ndarray, settings: RefineSettings) -> Descent:
     """Before the first step from `initial` (n,). Raises ValueError if it is out of bounds or has no finite cost."""

@@ -21,6 +21,7 @@ from experiments.tasks.registry import GAITS, metric_units
 from experiments.trial import Trial, noise_table
 
 if TYPE_CHECKING:
+    from experiments.refinement import Refinement
     from experiments.tune import StagedEvaluation, TuneOptions
 
 ROBOT = "starleth"
@@ -47,11 +48,19 @@ class Judged(NamedTuple):
 
 
 def export(
-    options: "TuneOptions", evaluation: "StagedEvaluation", run: RunFolder, result: SearchResult, judged: Judged
+    options: "TuneOptions",
+    evaluation: "StagedEvaluation",
+    run: RunFolder,
+    result: SearchResult,
+    judged: Judged,
+    refinement: "Refinement | None" = None,
 ) -> None:
-    """Write parameters.json, motion.npz and report.html of a finished search. Raises UserError."""
+    """Write parameters.json, motion.npz and report.html of a finished search or refinement. Raises UserError."""
     drive = evaluation.on(options.definition.stages[-1].drive).drive
-    file = write_parameters(run / "parameters.json", **parameter_fields(options, drive, run.path, result, judged))
+    fields = parameter_fields(options, drive, run.path, result, judged)
+    if refinement is not None:
+        fields["search"] |= refinement_fields(refinement)
+    file = write_parameters(run / "parameters.json", **fields)
     record = record_motion(evaluation, drive, judged.values)
     write_motion(run / "motion.npz", record)
     history = History(
@@ -64,10 +73,23 @@ def export(
     )
     report, numbers = run / "report.html", options.model.numbers
     if options.definition.task in GAITS:
-        write_gait_report(report, file, numbers, record, history=history)
+        write_gait_report(report, file, numbers, record, history=history if result.history else None)
     else:
         ideal = record_motion(evaluation, "ideal", judged.values)
-        write_jump_report(report, file, numbers, record, ideal=ideal, history=history)
+        course = None if refinement is None else refinement.found.course
+        shown = history if result.history else None
+        write_jump_report(report, file, numbers, record, ideal=ideal, history=shown, refinement=course)
+
+
+def refinement_fields(refinement: "Refinement") -> dict[str, Any]:
+    """What the parameter file says about a refinement."""
+    found = refinement.found
+    return {
+        "refine_steps": len(found.history),
+        "refine_cost_before": found.initial_cost,
+        "refine_cost_after": found.best_cost,
+        "refine_kept": refinement.kept,
+    }
 
 
 def record_motion(evaluation: "StagedEvaluation", drive: str, values: np.ndarray) -> Recording:

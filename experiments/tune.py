@@ -1,4 +1,4 @@
-"""`starleth tune`: search a motion through its stages, judge it on unseen trials, write what the robot needs."""
+"""`starleth tune`: search a motion, judge it on unseen trials, write what the robot needs, refine it if asked."""
 
 import contextlib
 import threading
@@ -11,6 +11,7 @@ import numpy as np
 
 from es import (
     CheckpointError,
+    Descent,
     Progress,
     Risk,
     SearchResult,
@@ -30,6 +31,7 @@ from experiments.export import Judged, export, versions
 from experiments.imu_sensing import make_sensing
 from experiments.model import Model
 from experiments.perturbations import Perturbations, nominal_columns
+from experiments.refinement import Refinement, descend, verdict
 from experiments.run_folder import RunFolder
 from experiments.tasks.definition import TaskDefinition
 
@@ -52,6 +54,8 @@ class TuneOptions:
     risk: Risk = field(default_factory=lambda: Risk("mean"))
     library: Mapping[str, Effect] = field(default_factory=lambda: LIBRARY)
     devices: int | None = None
+    searched: bool = True  # False: the initial guess stands for the result of a search
+    refine: int = 0  # steps of the refinement, which is an own step after the search: no setting of it
 
     def trials(self, key: jax.Array, count: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Perturbed numbers by name and the starts of their sensor noise, (count,) each."""
@@ -69,7 +73,7 @@ class TuneOptions:
 
     def settings(self) -> dict[str, Any]:
         """What decides the result, as JSON values: a run with other settings is another run."""
-        return {
+        settings = {
             "task": self.definition.model_dump(mode="json"),
             "model": self.model.hash(),
             "drive": self.drive or "full",
@@ -78,6 +82,7 @@ class TuneOptions:
             "perturbations": self.perturbations.model_dump(mode="json"),
             "versions": versions(),
         }
+        return settings if self.searched else settings | {"searched": False}
 
 
 def parse_risk(measure: str, alpha: float | None, definition: TaskDefinition) -> Risk:
@@ -141,18 +146,51 @@ def _in_silence(function: Callable, *arguments: Any) -> None:
 
 
 def tune(
-    options: TuneOptions, run: RunFolder, on_generation: Callable[[Progress, Any], None], notify: Callable
+    options: TuneOptions,
+    run: RunFolder,
+    on_generation: Callable[[Progress, Any], None],
+    notify: Callable,
+    on_step: Callable[[Descent], None] = lambda descent: None,
 ) -> Judged:
-    """Search, judge, export. A run that was interrupted continues from its checkpoint, to the same bits.
+    """Search, judge, export, then refine. A run that was interrupted continues from its checkpoint, to the same bits.
 
-    Raises UserError, es.SearchInterrupted.
+    The search's result is on disk and the run finished before a refinement begins.
+    Raises UserError, es.SearchInterrupted, RefinementInterrupted.
     """
     evaluation = StagedEvaluation(options)
+    result = _searched(options, evaluation, run, on_generation, notify) if options.searched else _guess(options)
+    judged = judge(options, evaluation, np.stack([result.best, result.mean]))
+    if is_first() and not (run.finished and options.refine):
+        export(options, evaluation, run, result, judged)
+    run.mark_finished()
+    if not options.refine:
+        return judged
+    found = descend(evaluation, run, judged.values, options.refine, on_step, notify)
+    refined = judge(options, evaluation, np.stack([judged.values, found.best])) if found.improved else judged
+    kept = found.improved and np.array_equal(refined.values, found.best)
+    notify(verdict(found, kept))
+    if is_first():
+        export(options, evaluation, run, result, refined, Refinement(found, kept))
+    return refined
+
+
+def _guess(options: TuneOptions) -> SearchResult:
+    initial = options.definition.space().initial
+    return SearchResult(initial, np.inf, initial, (), (), 0, 0)
+
+
+def _searched(
+    options: TuneOptions,
+    evaluation: StagedEvaluation,
+    run: RunFolder,
+    on_generation: Callable[[Progress, Any], None],
+    notify: Callable,
+) -> SearchResult:
     evaluation.compile_ahead()
     definition = options.definition
     checkpointer = make_checkpointer(run / "checkpoints", {"settings": options.settings()}, notify)
     try:
-        result = search(
+        return search(
             evaluation,
             definition.space(),
             [Stage(s.name, s.generations, s.drive, sigma_floor=s.sigma_floor) for s in definition.stages],
@@ -165,21 +203,16 @@ def tune(
         raise UserError(f"{error}; give another folder with --output, or remove this one.") from None
     except ValueError as error:
         raise UserError(f"{error}.") from None
-    judged = judge(options, evaluation, result)
-    if is_first():
-        export(options, evaluation, run, result, judged)
-    return judged
 
 
-def judge(options: TuneOptions, evaluation: StagedEvaluation, result: SearchResult) -> Judged:
-    """Choose between the luckiest candidate and the mean of the final distribution, on trials that neither has seen."""
-    finalists = np.stack([result.best, result.mean])
+def judge(options: TuneOptions, evaluation: StagedEvaluation, finalists: np.ndarray) -> Judged:
+    """Choose between candidates (F, n) on trials that none has seen: the luckiest and the mean of a search, say."""
     full = evaluation.on(options.definition.stages[-1].drive)
     key = jax.random.fold_in(jax.random.key(options.seed), UNSEEN_STREAM)
     numbers, noise = options.trials(key, JUDGING_TRIALS)
     perturbed = full.scores(crossed(finalists, numbers, noise))
     nominal = full.scores(crossed(finalists, *options.nominal()))
-    costs = np.asarray(reduce_costs(perturbed.cost.reshape(2, -1), options.risk)) + np.asarray(nominal.cost)
+    costs = np.asarray(reduce_costs(perturbed.cost.reshape(len(finalists), -1), options.risk)) + np.asarray(nominal.cost)
     chosen = int(np.argmin(costs))
     mine = slice(chosen * JUDGING_TRIALS, (chosen + 1) * JUDGING_TRIALS)
     return Judged(

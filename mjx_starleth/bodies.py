@@ -56,6 +56,7 @@ class Bodies:
     smooth_dynamics: Callable[[Inertias, Array, Array], Smooth]
     geometry: LegGeometry
     stance: np.ndarray  # (19,)
+    contacts: Callable[[ContactProblem, Array, int], tuple[Array, Array]] = solve_contacts  # the contact laws
 
     def initial_state(self, joint_position: Array | None = None, base_height: Array | None = None) -> BodyState:
         """At rest, level, over the world's origin: the default stance unless joints (12,) or height (m) differ.
@@ -89,7 +90,7 @@ class Bodies:
 
         jacobian = foot_jacobian(s, ground.frame, q_mid[:3], params.foot_radius)
         problem = _contact_problem(params, ground, f, jacobian, u, push_base, push_leg, h)
-        impulse, residual = solve_contacts(problem, apply(ground.frame, state.impulse), self.sweeps)
+        impulse, residual = self.contacts(problem, apply(ground.frame, state.impulse), self.sweeps)
 
         du_base = back_substitute(f.lower, push_base + total(apply(problem.root, impulse), 0))
         du_leg = apply(f.leg_inverse, push_leg + apply(transpose(jacobian.leg), impulse))

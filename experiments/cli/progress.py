@@ -8,9 +8,10 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
-from es import Progress, SearchInterrupted
+from es import Descent, Progress, SearchInterrupted
 from experiments.distributed import is_first
 from experiments.export import Judged
+from experiments.refinement import RefinementInterrupted
 from experiments.tasks.definition import TaskDefinition
 
 INTERRUPTED = 130
@@ -20,8 +21,9 @@ QUIET = 10.0  # s between lines where there is no terminal to draw a bar on
 class SearchProgress:
     """A bar on stderr; turns an interrupt into a message that says how to go on."""
 
-    def __init__(self, definition: TaskDefinition, folder: Path) -> None:
-        self.definition, self.folder = definition, folder
+    def __init__(self, definition: TaskDefinition, folder: Path, refine: int = 0) -> None:
+        self.definition, self.folder, self.refine = definition, folder, refine
+        self.refining = None
         self.console = Console(stderr=True, quiet=not is_first())
         self.told = time.monotonic()
         self.bar = Bar(
@@ -49,6 +51,16 @@ class SearchProgress:
             self.told = time.monotonic()
             self.say(f"{name}: generation {progress.generations}, best {last.stage_best_cost:.3f}")
 
+    def refined(self, descent: Descent) -> None:
+        """After every step of the refinement."""
+        if self.refining is None:
+            self.refining = self.bar.add_task("refinement", total=self.refine, best="…")
+        steps = len(descent.history)
+        self.bar.update(self.refining, completed=steps, best=f"{descent.cost:.3f}")
+        if not self.console.is_terminal and time.monotonic() - self.told > QUIET:
+            self.told = time.monotonic()
+            self.say(f"refinement: step {steps}, cost {descent.cost:.3f}")
+
     def say(self, text: str) -> None:
         self.console.print(text, highlight=False, soft_wrap=True)
 
@@ -68,5 +80,9 @@ class SearchProgress:
         self.bar.stop()
         if isinstance(error, SearchInterrupted):
             self.say(f"Interrupted after {error.generations} generations; the same command continues the run.")
+            raise SystemExit(INTERRUPTED)
+        if isinstance(error, RefinementInterrupted):
+            self.say(f"Interrupted after {error.steps} steps of the refinement; the same command continues it.")
+            self.say(f"The search's result is in {self.folder}/parameters.json.")
             raise SystemExit(INTERRUPTED)
         return False

@@ -23,6 +23,10 @@ Ctrl-C and SIGTERM leave a resumable run: the same command continues it, to the 
     starleth tune squat_jump --generations 100 --seed 3 --output runs/jump3
     starleth tune squat_jump --model learned_model.json
     starleth tune squat_jump --trials 8 --risk cvar     good in the worst quarter of 8 perturbed trials each
+    starleth tune squat_jump --refine 40               then downhill by gradients; also on a finished run
+    starleth tune squat_jump --generations 0 --refine 40     by gradients alone, from the initial guess
+
+--refine takes slopes from a smooth approximation of the rollout up to touch-down, and steps that lower the true cost.
 """
 
 
@@ -38,7 +42,7 @@ def command(
     drive: Annotated[
         str, typer.Option(help="Drive of the last stages: full, cheap (no current loop) or ideal.")
     ] = "full",
-    generations: Annotated[int | None, typer.Option(min=1, max=1_000_000, help="Generations of all stages.")] = None,
+    generations: Annotated[int | None, typer.Option(min=0, max=1_000_000, help="Generations of all stages.")] = None,
     population: Annotated[int | None, typer.Option(min=4, help="Candidates per generation.")] = None,
     trials: Annotated[
         int | None, typer.Option(min=1, max=10_000, help="Perturbed trials per candidate in the last stage.")
@@ -50,6 +54,7 @@ def command(
         float | None,
         typer.Option(min=0, max=0.999, help="cvar is the mean of the worst share 1 - alpha. Default: 0.75."),
     ] = None,
+    refine: Annotated[int, typer.Option(min=0, max=100_000, help="Steps by gradients after the search.")] = 0,
     seed: SeedOption = 0,
     devices: DevicesOption = available_cores(),  # noqa: B008
     output: Annotated[
@@ -75,6 +80,7 @@ def command(
     from experiments.errors import UserError
     from experiments.model import load_model
     from experiments.perturbations import load_perturbations, parse_perturbations
+    from experiments.smooth.rollout import smooth_rollout
     from experiments.tasks.definition import load_task
     from experiments.tasks.registry import make_task
     from experiments.tune import TuneOptions, parse_risk, tune
@@ -84,7 +90,9 @@ def command(
         raise UserError(f"No drive '{drive}'; choose one of {', '.join(DRIVES)}.")
     library = load_effects(effects or ())
     definition = load_task(task)
-    if generations is not None:
+    if generations == 0 and not refine:
+        raise UserError("--generations 0 searches nothing; give it --refine too, or generations.")
+    if generations:
         definition = definition.with_generations(generations)
     if population is not None:
         definition = definition.model_copy(update={"population": population})
@@ -106,17 +114,20 @@ def command(
         parse_risk(risk, alpha, definition),
         library,
         devices,
+        generations != 0,
+        refine,
     )
     make_task(definition, robot)  # what does not fit together is refused before there is a folder
+    if refine:
+        smooth_rollout(robot, definition, library)
     folder = output or Path("runs") / definition.task
     with (
         leaving_alone(),
         open_run_together(folder, "tune", options.settings()) as run,
-        SearchProgress(definition, folder) as progress,
+        SearchProgress(definition, folder, refine) as progress,
     ):
-        if run.finished:
+        if run.finished and not refine:
             progress.say(f"{folder} is finished already; its results are {folder}/parameters.json and report.html.")
             return
-        judged = tune(options, run, progress.update, progress.say)
-        run.mark_finished()
+        judged = tune(options, run, progress.update, progress.say, progress.refined)
         progress.finish(judged)

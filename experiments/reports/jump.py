@@ -58,18 +58,20 @@ def write_jump_report(
     ideal: JumpRecord | None = None,
     history: History | None = None,
     sensitivities: Sequence[Sensitivity] = (),
+    refinement: np.ndarray | None = None,
 ) -> None:
     """Write the report of one tuned jump as one HTML file, atomically.
 
     file: the parameter file just written; record: its jump on the drive it was tuned with; ideal: the same
-    parameters on the ideal drive, same samples; sensitivities: change of the apex height [m]. Raises UserError.
+    parameters on the ideal drive, same samples; sensitivities: change of the apex height [m];
+    refinement: true cost before and after each of its steps. Raises UserError.
     """
     sections = [
         Section("Result", [_cards(file, record, ideal), Text(_summary(file, numbers, record, ideal), "lead")]),
         Section("The motion", _motion(numbers, record, ideal)),
         Section("The drive", _drive(numbers, record)),
         Section("The ground", _ground(numbers, record)),
-        Section("The search", _search(file, history, sensitivities)),
+        Section("The search", _search(file, history, sensitivities, refinement)),
         Section("How to repeat it", provenance(file)),
     ]
     write_report(path, "Squat jump", one_line(file), sections)
@@ -223,7 +225,12 @@ def _ground(numbers: RobotNumbers, record: JumpRecord) -> list[Block]:
     ]
 
 
-def _search(file: ParameterFile, history: History | None, sensitivities: Sequence[Sensitivity]) -> list[Block]:
+def _search(
+    file: ParameterFile,
+    history: History | None,
+    sensitivities: Sequence[Sensitivity],
+    refinement: np.ndarray | None,
+) -> list[Block]:
     blocks: list[Block] = []
     if history is not None:
         blocks.append(
@@ -238,6 +245,10 @@ def _search(file: ParameterFile, history: History | None, sensitivities: Sequenc
                 ),
             )
         )
+    if refinement is not None:
+        kept = "" if file.search.get("refine_kept") else " Its result did no better on unseen trials and was not kept."
+        text = "Refinement by gradients of the smooth rollout: true cost after each step; none is taken that raises it."
+        blocks.append(Figure(search_figures.descent(refinement), text + kept))
     blocks.append(
         Figure(
             search_figures.bars(file.cost_terms, unit="cost"),

@@ -54,6 +54,15 @@ def convergence(history: History) -> go.Figure:
     return figure
 
 
+def descent(costs: np.ndarray) -> go.Figure:
+    """True cost over the steps of a refinement."""
+    figure = new_figure(height=300)
+    figure.add_trace(line(np.arange(len(costs)), costs, "cost", BLUE, width=2.4, showlegend=False).update(line_shape="hv"))
+    figure.update_xaxes(title="step of the refinement")
+    figure.update_yaxes(title="cost")
+    return figure
+
+
 def _add_spread(figure: go.Figure, history: History, generation: np.ndarray) -> None:
     """The band of mean plus and minus one standard deviation, stage by stage."""
     for n, stage in enumerate(np.unique(history.stage)):

@@ -1,0 +1,104 @@
+"""The closed loop without corners, and the slope of its cost.
+
+Forward mode: hundreds of ticks, and a dozen numbers to be searched. A tangent for each of them beside the state needs
+no memory but its own and batches like any other axis; reverse mode would have to keep or recompute every tick.
+
+Where a value counts, it is the hard rollout's: the refinement takes from here nothing but slopes.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from experiments.batch import batched
+from experiments.effects.effect import Effect
+from experiments.errors import UserError
+from experiments.evaluation import Evaluation, Members
+from experiments.model import Model
+from experiments.plant import PlantParams, make_plant
+from experiments.rollout import Rollout, Score
+from experiments.sensing import DirectSensing
+from experiments.smooth.contact import COMPLIANCE, smooth_contacts
+from experiments.smooth.drive import smooth_drive
+from experiments.smooth.jump_task import foot_forces, smooth_task
+from experiments.smooth.laws import WIDTHS, Widths
+from experiments.tasks.definition import TaskDefinition
+from experiments.tasks.registry import make_task
+from experiments.tasks.squat_jump import SquatJumpTask
+from experiments.trial import Trial
+
+Array = jax.Array
+
+
+class SmoothSensing(DirectSensing):
+    """Contact is the feet's force in N, not a flag."""
+
+    def step(self, state, plant, measurement, noise):
+        state, robot, measurement = super().step(state, plant, measurement, noise)
+        return state, robot._replace(contact=foot_forces(plant.contact_force)), measurement
+
+
+def smooth_rollout(
+    model: Model, definition: TaskDefinition, library: Mapping[str, Effect], widths: Widths = WIDTHS
+) -> Rollout:
+    """The closed loop of a task with every law rounded; UserError for a task whose controller has no smooth form."""
+    task = make_task(definition, model)
+    if not isinstance(task, SquatJumpTask):
+        raise UserError(f"Task {definition.task} has no smooth form; gradients are there for squat_jump.")
+    plant = make_plant(model, "full", dict(library))
+    plant = replace(
+        plant,
+        drive_step=smooth_drive(widths),
+        bodies=replace(plant.bodies, contacts=smooth_contacts(widths)),
+        params=on_soft_ground(plant.params),
+    )
+    return Rollout(plant, smooth_task(task, widths), SmoothSensing())
+
+
+def on_soft_ground(params: PlantParams) -> PlantParams:
+    """The least compliance under the feet that the smooth contact needs."""
+    bodies = params.bodies
+    return params._replace(bodies=bodies._replace(compliance=jnp.maximum(bodies.compliance, jnp.float32(COMPLIANCE))))
+
+
+def cost_and_slope(rollout: Rollout, params: PlantParams, settings, values: Array, trial: Trial) -> tuple[Score, Array]:
+    """Score and the slope (n,) of its cost by the parameter values (n,), one tangent for each of them."""
+
+    def cost(values: Array) -> tuple[Array, Score]:
+        score = rollout.score(params, settings, values, trial)
+        return score.cost, score
+
+    def along(tangent: Array) -> tuple[Array, Score]:
+        _, slope, score = jax.jvp(cost, (values,), (tangent,), has_aux=True)
+        return slope, score
+
+    slope, score = jax.vmap(along, out_axes=(0, None))(jnp.eye(values.shape[0], dtype=values.dtype))
+    return score, slope
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothEvaluation(Evaluation):
+    """Slopes of many members, compiled once."""
+
+    @cached_property
+    def rollout(self) -> Rollout:
+        return smooth_rollout(self.model, self.definition, self.library)
+
+    @cached_property
+    def _program(self):
+        rollout = self.rollout
+
+        def one(shared, member: Members) -> Array:
+            params, settings, noise = shared
+            trial = Trial(member.numbers, noise, member.noise_start)
+            return cost_and_slope(rollout, params, settings, member.values, trial)[1]
+
+        return batched(one, self.mesh, self.chunk)
+
+    def slopes(self, members: Members, torque_limit: float = 1.0) -> np.ndarray:
+        """(N, n) cost per unit of each parameter."""
+        return self.scores(members, torque_limit)
