@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from experiments.cli import bench_gradients
 from experiments.cli.options import DevicesOption, ModelOption, SeedOption, available_cores, start_jax
 
 HELP = """Measure speed side by side with MuJoCo C in one run, on all cores; one JSON line per entry.
@@ -28,6 +29,7 @@ def register(app: typer.Typer) -> None:
     bench = typer.Typer(help=HELP, invoke_without_command=True)
     bench.callback()(speed)
     bench.command("diagnosis", help=DIAGNOSIS)(diagnosis)
+    bench.command("gradients", help=bench_gradients.HELP)(bench_gradients.gradients)
     app.add_typer(bench, name="bench")
 
 
