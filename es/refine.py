@@ -28,7 +28,8 @@ class RefineSettings:
     steps: int = 50
     length: float = 0.01  # of the first step, normalised (of the range, with the default scale)
     longest: float = 0.1  # of any step
-    shortest: float = 1e-5  # below this the descent is over
+    shortest: float = 2e-3  # that a ladder is centred on: a ragged cost has a little to gain everywhere
+    patience: int = 10  # steps in a row without a better point, after which the descent is over
     rungs: int = 8  # lengths tried along each direction, each half of the one before
 
     def __post_init__(self) -> None:
@@ -36,6 +37,7 @@ class RefineSettings:
         check_number("length", self.length, above=0.0)
         check_number("longest", self.longest, above=0.0)
         check_number("shortest", self.shortest, above=0.0)
+        check_count("patience", self.patience, at_least=1)
         check_count("rungs", self.rungs, at_least=1)
 
     @property
@@ -62,6 +64,10 @@ class Descent(NamedTuple):
     length: float  # where the next ladder is centred
     momentum: Any  # Adam's
     history: tuple[Step, ...]
+
+    def idle(self, steps: int) -> bool:
+        """Whether none of the last so many steps found a better point."""
+        return len(self.history) >= steps and not any(step.length for step in self.history[-steps:])
 
 
 class Refined(NamedTuple):
@@ -107,7 +113,7 @@ def refine(
     Raises ValueError if `initial` is out of bounds or has no finite cost.
     """
     descent = resumed or begin(costs, space, initial, settings)
-    while len(descent.history) < settings.steps and descent.length >= settings.shortest:
+    while len(descent.history) < settings.steps and not descent.idle(settings.patience):
         descent = advance(slope, costs, space, settings, descent)
         if on_step is not None:
             on_step(descent)
@@ -143,13 +149,15 @@ def advance(slope: Slope, costs: Costs, space: ParameterSpace, settings: RefineS
         return _stay(settings, descent, Step(descent.cost, float(found[best]), norm, 0.0))
     cost, length = float(found[best]), float(lengths[best // 2])
     history = (*descent.history, Step(cost, cost, norm, length))
-    return descent._replace(y=points[best], cost=cost, length=length, momentum=momentum, history=history)
+    centre = max(length, settings.shortest)
+    return descent._replace(y=points[best], cost=cost, length=centre, momentum=momentum, history=history)
 
 
 def _stay(settings: RefineSettings, descent: Descent, step: Step) -> Descent:
     """The same point with a shorter ladder and no momentum."""
     fresh = _no_momentum(len(descent.y))
-    return descent._replace(length=0.5 * descent.length, momentum=fresh, history=(*descent.history, step))
+    length = max(0.5 * descent.length, settings.shortest)
+    return descent._replace(length=length, momentum=fresh, history=(*descent.history, step))
 
 
 def _no_momentum(size: int) -> Any:

@@ -71,7 +71,7 @@ def compare(
     options: TuneOptions, seconds: float, seeds: int, tell: Callable[[str], None]
 ) -> tuple[dict[str, Any], list[Course]]:
     """All methods, with so many seeds each: (summary, courses)."""
-    settings = RefineSettings(steps=ENDLESS, shortest=1e-9)
+    settings = RefineSettings(steps=ENDLESS, patience=ENDLESS)
     cost = TrueCost(StagedEvaluation(options), settings.population)
     space = options.definition.space()
     compiled = _time_of_each(cost, space.initial, settings.population)  # the first time includes compiling
