@@ -86,37 +86,43 @@ class Rollout:
         """Run one trial and keep every tick: (score, ticks stacked along axis 0)."""
         return self._run(params, settings, values, trial, lambda tick: tick)
 
+    def begin(self, params: PlantParams, settings: Any, values: Array, trial: Trial) -> tuple[PlantParams, Any]:
+        """(the trial's plant, what the ticks carry before the first)."""
+        params = self.plant.prepare(trial.apply(self.plant, params))
+        state, controller = self.task.start(self.plant, params, settings, values, trial)
+        alive = jnp.ones((), jnp.float32)
+        return params, (state, controller, self.sensing.start(state), self.task.first_tally(), alive)
+
+    def tick(
+        self, params: PlantParams, settings: Any, values: Array, trial: Trial, carry: Any, k: Array
+    ) -> tuple[Any, Tick]:
+        """Control period k of a trial; params and carry as `begin` gave them."""
+        plant, task = self.plant, self.task
+        state, controller, sensing, tally, alive = carry
+        time = k.astype(jnp.float32) * plant.periods.control
+        noise = noise_row(trial, k)
+        sensed, measurement = plant.measure(params, state)
+        sensing, robot, measurement = self.sensing.step(sensing, sensed, measurement, noise)
+        controller, targets, info = task.control(settings, values, controller, robot, time)
+        command = JointCommand(targets.torque, targets.position, targets.position_mode)
+        after, output = plant.step(params, sensed, PlantInput(command, measurement, push_at(trial, time)))
+        alive = alive * _sane(after)
+        after = jax.tree.map(lambda new, old: jnp.where(alive > 0, new, old), after, state)
+        observed = Tick(time, state, after, robot, measurement, targets, info, output, alive)
+        tally = jax.tree.map(lambda new, old: jnp.where(alive > 0, new, old), task.observe(tally, observed), tally)
+        return (after, controller, sensing, tally, alive), observed
+
     def _run(
         self, params: PlantParams, settings: Any, values: Array, trial: Trial, keep: Callable[[Tick], Any]
     ) -> tuple[Score, Any]:
-        plant, task = self.plant, self.task
-        params = plant.prepare(trial.apply(plant, params))
-        state, controller = task.start(plant, params, settings, values, trial)
+        params, first = self.begin(params, settings, values, trial)
 
         def tick(carry, k):
-            state, controller, sensing, tally, alive = carry
-            time = k.astype(jnp.float32) * plant.periods.control
-            noise = noise_row(trial, k)
-            sensed, measurement = plant.measure(params, state)
-            sensing, robot, measurement = self.sensing.step(sensing, sensed, measurement, noise)
-            controller, targets, info = task.control(settings, values, controller, robot, time)
-            command = JointCommand(targets.torque, targets.position, targets.position_mode)
-            after, output = plant.step(params, sensed, PlantInput(command, measurement, push_at(trial, time)))
-            alive = alive * _sane(after)
-            after = jax.tree.map(lambda new, old: jnp.where(alive > 0, new, old), after, state)
-            observed = Tick(time, state, after, robot, measurement, targets, info, output, alive)
-            tally = jax.tree.map(lambda new, old: jnp.where(alive > 0, new, old), task.observe(tally, observed), tally)
-            return (after, controller, sensing, tally, alive), keep(observed)
+            carry, observed = self.tick(params, settings, values, trial, carry, k)
+            return carry, keep(observed)
 
-        first = (
-            state,
-            controller,
-            self.sensing.start(state),
-            task.first_tally(),
-            jnp.ones((), jnp.float32),
-        )
-        (last, _, _, tally, alive), kept = jax.lax.scan(tick, first, jnp.arange(task.ticks))
-        return task.score(values, tally, 1.0 - alive, last), kept
+        (last, _, _, tally, alive), kept = jax.lax.scan(tick, first, jnp.arange(self.task.ticks))
+        return self.task.score(values, tally, 1.0 - alive, last), kept
 
 
 def _sane(state: PlantState) -> Array:

@@ -1,6 +1,7 @@
-"""`starleth bench`: speed side by side with MuJoCo C; `starleth bench diagnosis`: how often the diagnosis is right."""
+"""`starleth bench`: speed side by side with MuJoCo C; what the diagnosis is worth; what the gaits bear."""
 
 import json
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -14,6 +15,18 @@ HELP = """Measure speed side by side with MuJoCo C in one run, on all cores; one
     starleth bench                    all entries (about two minutes, mostly compiling)
     starleth bench --rounds 20        more rounds; the best of each entry counts
     starleth bench diagnosis          how often the diagnosis is right, on hidden effects of an independent plant
+    starleth bench gaits              how long the gaits keep going, what throws them over, MuJoCo C
+"""
+GAITS = """How long do the gaits keep going, and what throws them over?
+
+For each gait that comes with the program, or each run or parameters.json given: unseen perturbed trials in the full
+model with estimated state, beside the gait's initial guess; survival over sideways pushes, unperceived obstacles, slopes
+with a full turn, and friction; and the same gait in MuJoCo C with its own contact. One JSON line per gait; gaits.json and
+report.html in the output folder.
+
+    starleth bench gaits                                   all (about 15 minutes on two cores)
+    starleth bench gaits walking_trot runs/my_trot         these
+    starleth bench gaits --sweep-trials 0 --no-mujoco-c    only the unseen trials
 """
 DIAGNOSIS = """How often is the diagnosis right?
 
@@ -29,6 +42,7 @@ def register(app: typer.Typer) -> None:
     bench = typer.Typer(help=HELP, invoke_without_command=True)
     bench.callback()(speed)
     bench.command("diagnosis", help=DIAGNOSIS)(diagnosis)
+    bench.command("gaits", help=GAITS)(gaits)
     bench.command("gradients", help=bench_gradients.HELP)(bench_gradients.gradients)
     app.add_typer(bench, name="bench")
 
@@ -78,3 +92,43 @@ def diagnosis(
     for line in result["wrong"]:
         typer.echo(line, err=True)
     print(json.dumps(result))
+
+
+def gaits(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[GAIT]...", help="Gaits, runs or parameter files.")
+    ] = None,
+    trials: Annotated[int, typer.Option(min=1, max=100_000, help="Unseen trials of each gait.")] = 100,
+    cycles: Annotated[int, typer.Option(min=1, max=1000, help="Strides of an unseen trial.")] = 20,
+    sweep_trials: Annotated[
+        int, typer.Option(min=0, max=10_000, help="Trials at each size of each disturbance; 0: none.")
+    ] = 16,
+    mujoco_c: Annotated[bool, typer.Option(help="Replay each gait in MuJoCo C.")] = True,
+    model: ModelOption = None,
+    devices: DevicesOption = available_cores(),  # noqa: B008
+    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for gaits.json and report.html.")] = Path(
+        "runs/bench_gaits"
+    ),
+) -> None:
+    start_jax(devices)
+    from experiments.errors import UserError
+    from experiments.files import refuse_unwritable, write_json
+    from experiments.gait_benchmark.run import Plan, find_motions, measure
+    from experiments.model import load_model
+    from experiments.reports.gait_benchmark import write_gait_benchmark_report
+
+    robot = load_model(model)
+    plan = Plan(find_motions(names or (), robot), trials, cycles, sweep_trials, mujoco_c)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot make the folder {folder}: {error.strerror}; give another one with --output.") from None
+    for name in ("gaits.json", "report.html"):
+        refuse_unwritable(folder / name)
+    results = []
+    for result in measure(plan, robot, devices, lambda text: typer.echo(text, err=True)):
+        results.append(result)
+        print(json.dumps(result.figures), flush=True)
+        write_json(folder / "gaits.json", [r.figures for r in results])
+    line = shlex.join(["starleth", "bench", "gaits", *(names or ()), "--trials", str(trials), "--cycles", str(cycles)])
+    write_gait_benchmark_report(folder / "report.html", results, robot.numbers, line)

@@ -1,0 +1,146 @@
+"""Trials of any gait under any disturbance with one compiled program: one second of the closed loop.
+
+What tells two trials apart is data: the controller's numbers, the command, what disturbs, and for how long. So five
+gaits with strides of 0.4 to 1.7 s share a program, and a robot that lies on the ground costs nothing more.
+"""
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from experiments.batch import batched, device_mesh
+from experiments.imu_sensing import make_sensing
+from experiments.model import Model
+from experiments.plant import make_plant
+from experiments.rollout import Rollout
+from experiments.sensing import contact_flags
+from experiments.tasks.definition import TaskDefinition
+from experiments.tasks.gait import GaitSettings, GaitTally, GaitTask, make_task
+from experiments.trial import Trial, noise_table
+
+Array = jax.Array
+
+SEGMENT = 400  # ticks, one second
+CHUNK = 16  # trials of one device in one program (experiments.batch)
+
+
+class Cases(NamedTuple):
+    """Trials; every leaf has the trial axis first."""
+
+    settings: GaitSettings  # the controller with the searched values in it
+    numbers: dict[str, np.ndarray]  # (N,) each; the same names in all trials
+    noise_start: np.ndarray  # (N,) int32
+    duration: np.ndarray  # (N,) s
+
+    def __len__(self) -> int:
+        return len(self.duration)
+
+
+class Outcome(NamedTuple):
+    """What came of the trials."""
+
+    tally: GaitTally  # (N,) each
+    survived: np.ndarray  # (N,) 1.0 without a fall
+    flights: np.ndarray  # (N,) mean duration of a flight phase after settling, s; NaN where there is none
+
+    @property
+    def speed(self) -> np.ndarray:
+        """Mean heading and lateral velocity (N, 2) after settling, m/s."""
+        return self.tally.velocity_C / np.maximum(self.tally.time, 1e-9)[:, None]
+
+    @property
+    def flight_fraction(self) -> np.ndarray:
+        """Share of the time (N,) with all feet in the air, after settling."""
+        return self.tally.flight / np.maximum(self.tally.time, 1e-9)
+
+
+def gait_settings(definition: TaskDefinition, model: Model, values: np.ndarray) -> GaitSettings:
+    """What the closed loop needs to know of a gait with searched values (n,), as NumPy leaves."""
+    task = make_task(definition, model)
+    controller = task.parameters(task.settings, jnp.asarray(values, jnp.float32))
+    return jax.tree.map(np.asarray, task.settings._replace(controller=controller))
+
+
+def cases(settings: GaitSettings, numbers: dict[str, np.ndarray], noise_start: np.ndarray, duration: float) -> Cases:
+    """Trials (N,) of one gait."""
+    count = len(noise_start)
+    many = jax.tree.map(lambda x: np.repeat(np.asarray(x)[None], count, 0), settings)
+    return Cases(many, numbers, noise_start, np.full(count, duration))
+
+
+def joined(parts: list[Cases]) -> Cases:
+    """All trials of several sets, one after the other."""
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+
+class GaitTrials:
+    """The compiled program; `run` takes any number of trials of any gaits of one robot."""
+
+    def __init__(
+        self, model: Model, definition: TaskDefinition, devices: int | None = None, chunk: int = CHUNK
+    ) -> None:
+        task = make_task(definition, model)
+        free = GaitTask("any gait", (), SEGMENT, task.period, task.settings, task.weights)
+        self.rollout = Rollout(make_plant(model, "full"), free, make_sensing("estimated", model))
+        self.mesh = device_mesh(jax.local_devices()[:devices] if devices else None)
+        self.chunk = chunk
+
+    @cached_property
+    def _begin(self):
+        def begin(noise: Array, case: Cases) -> Any:
+            trial = Trial(case.numbers, noise, case.noise_start)
+            return self.rollout.begin(self.rollout.plant.params, case.settings, jnp.zeros(0), trial)[1]
+
+        return batched(begin, self.mesh, self.chunk)
+
+    @cached_property
+    def _go_on(self):
+        rollout, none = self.rollout, jnp.zeros(0)
+
+        def go_on(shared: tuple[Array, Array], member: tuple[Cases, Any]) -> tuple[Any, Array]:
+            (noise, first), (case, carry) = shared, member
+            trial = Trial(case.numbers, noise, case.noise_start)
+            params = rollout.plant.prepare(trial.apply(rollout.plant, rollout.plant.params))
+
+            def tick(carry, k):
+                after, observed = rollout.tick(params, case.settings, none, trial, carry, k)
+                on = observed.time < case.duration  # afterwards nothing counts any more
+                tally = jax.tree.map(lambda new, old: jnp.where(on, new, old), after[3], carry[3])
+                aloft = 1.0 - contact_flags(observed.after).max()
+                return (*after[:3], tally, after[4]), aloft * on
+
+            return jax.lax.scan(tick, carry, first + jnp.arange(SEGMENT))
+
+        return batched(go_on, self.mesh, self.chunk)
+
+    def run(self, todo: Cases) -> Outcome:
+        """All trials to their end, or to their fall."""
+        noise = np.asarray(noise_table())
+        carry = self._begin(noise, todo)
+        settled, period = self.rollout.task.settled, self.rollout.task.period
+        time, count = np.zeros(len(todo)), np.zeros(len(todo))
+        last = np.zeros(len(todo))
+        for second in range(int(np.ceil(todo.duration.max() / (SEGMENT * period) - 1e-6))):
+            fallen = (carry[3].fallen > 0) | (carry[4] == 0)
+            here = np.flatnonzero(~fallen & (todo.duration > second * SEGMENT * period))
+            if not len(here):
+                break
+            part, now = jax.tree.map(lambda x, here=here: x[here], (todo, carry))
+            now, aloft = self._go_on((noise, np.int32(second * SEGMENT)), (part, now))
+            carry = jax.tree.map(lambda whole, new, here=here: _put(whole, here, new), carry, now)
+            late = aloft * ((second * SEGMENT + np.arange(SEGMENT)) * period >= settled)
+            time[here] += late.sum(1) * period
+            count[here] += (np.diff(np.concatenate([last[here, None], late], 1), axis=1) > 0).sum(1)
+            last[here] = late[:, -1]
+        survived = 1.0 - np.maximum(carry[3].fallen, 1.0 - carry[4])
+        flights = np.where(count > 0, time / np.maximum(count, 1), np.nan)
+        return Outcome(carry[3], survived, flights)
+
+
+def _put(whole: np.ndarray, here: np.ndarray, new: np.ndarray) -> np.ndarray:
+    whole = whole.copy()
+    whole[here] = new
+    return whole
