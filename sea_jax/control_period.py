@@ -75,6 +75,7 @@ def begin_period(
     measurement, memory = apply_hooks(hooks, "measurement", measurement, signals, memory)
     wanted = wanted_velocity(params, command, measurement)
     commanded = limited_velocity(params, wanted, measurement.torque)
+    commanded, memory = apply_hooks(hooks, "commanded_velocity", commanded, signals, memory)
     return PeriodStart(state._replace(memory=memory), motion, wanted, commanded)
 
 

@@ -13,13 +13,14 @@ import numpy as np
 
 from experiments.effects.effect import Effect
 from experiments.effects.places import mask
-from experiments.measurement.diagnose import diagnose_evidence, nominal_freedom
+from experiments.measurement.diagnose import diagnose_evidence
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
 from experiments.measurement.gather import gather
 from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.log import Log
 from experiments.measurement.noise_floor import noise_of
+from experiments.measurement.nominal import nominal_freedom
 from experiments.measurement.refit import Placed, refit
 from experiments.measurement.selection import best_of_each, score
 from experiments.model import Model

@@ -21,7 +21,16 @@ from sea_jax import DriveHooks
 Array = jax.Array
 EffectNumbers = tuple[dict[str, Array], ...]
 
-DRIVE_HOOKS = ("command", "measurement", "supply_voltage", "motor_torque", "friction", "deflection", "spring")
+DRIVE_HOOKS = (
+    "command",
+    "measurement",
+    "commanded_velocity",
+    "supply_voltage",
+    "motor_torque",
+    "friction",
+    "deflection",
+    "spring",
+)
 
 
 @dataclass(frozen=True)

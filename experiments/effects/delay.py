@@ -1,4 +1,4 @@
-"""Late commands: what the joint controllers receive was sent some time ago."""
+"""Late commands: what the joint controllers receive was sent some time ago; and the unknown phase of the loops."""
 
 import jax.numpy as jnp
 
@@ -33,6 +33,21 @@ def _command(p, command, s, memory):
     return late, history[:, :LONGEST].reshape(memory.shape)
 
 
+def _commanded_velocity(p, velocity, s, memory):
+    late = p.lag / s.period  # of the period that still runs on the last one's velocity
+    return (1.0 - late) * velocity + late * memory[:, 0], velocity[:, None]
+
+
+# No missing effect but what nobody knows of a log: where in the control period the velocity loops run.
+LOOP_LAG = Effect(
+    "loop_lag",
+    "the velocity loops get their command late in the control period",
+    "drive",
+    "joint",
+    (Parameter("lag", "s", -5e-4, 5e-4, 1e-4),),
+    {"commanded_velocity": _commanded_velocity},
+    memory=1,
+)
 EFFECTS = (
     Effect(
         "command_delay",

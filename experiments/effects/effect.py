@@ -20,6 +20,7 @@ HOOKS: Mapping[str, str] = MappingProxyType(
         "command": "JointCommand -> JointCommand, every control period",
         "measurement": "JointMeasurement -> JointMeasurement, every control period",
         "measured_motion": "JointMotion as logged -> true JointMotion (the inverse of `measurement`), replay only",
+        "commanded_velocity": "gear velocity that the velocity loops get [rad/s], every control period",
         "supply_voltage": "bus voltage [V], every 0.1 ms",
         "motor_torque": "torque at the rotor [N m], every 0.1 ms",
         "friction": "Friction(coulomb, smooth) at the rotor [N m], every 0.1 ms",

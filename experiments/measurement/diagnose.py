@@ -10,7 +10,8 @@ from experiments.measurement.gather import gather
 from experiments.measurement.log import Log
 from experiments.measurement.next_experiment import NextExperiment, next_experiment
 from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.refit import Nominal, Placed
+from experiments.measurement.nominal import nominal_freedom, timing
+from experiments.measurement.refit import Placed
 from experiments.measurement.selection import Selection, select
 from experiments.measurement.verdict import (
     Misfit,
@@ -24,9 +25,8 @@ from experiments.measurement.verdict import (
     ranking_entries,
     unexplained,
 )
-from experiments.model import JointNumbers, Model
+from experiments.model import Model
 
-WIDE = 0.06  # relative standard deviation of the numbers of a robot that is not quite its data sheet
 WELL_EXPLAINED = 0.02  # excess of chi^2 per residual at which the nominal numbers need no second look
 
 
@@ -69,62 +69,17 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     A log that slightly different numbers explain lacks no effect, and one that a single effect explains with the
     nominal numbers needs no others.
     """
-    strict = select(evidence, (), say, most=0)
+    clock = timing(evidence[0].atoms.effects)
+    strict = select(evidence, clock, say, most=0)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
-        return strict if excess(evidence, strict.fit) <= 0 else select(evidence, (), say, most=1)
-    strict = select(evidence, (), say, most=1)
+        return strict if excess(evidence, strict.fit) <= 0 else select(evidence, clock, say, most=1)
+    strict = select(evidence, clock, say, most=1)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
         return strict
     say("trying again with nominal numbers that may be a little off")
-    freed = select(evidence, nominal_freedom(model, evidence[0].atoms.effects), say, least=WELL_EXPLAINED)
+    freedom = (*clock, *nominal_freedom(model, evidence[0].atoms.effects))
+    freed = select(evidence, freedom, say, least=WELL_EXPLAINED)
     return freed if _better(evidence, freed, strict) else strict
-
-
-def nominal_freedom(model: Model, effects: Sequence[Effect]) -> tuple[Nominal, ...]:
-    """Nominal numbers that may be a little off, as far as these effects can express it."""
-    known = {effect.name for effect in effects}
-    return tuple(n for n in _freedom(model) if n.effect in known)
-
-
-def _freedom(model: Model) -> tuple[Nominal, ...]:
-    """Nominal numbers that may be off, each robot-wide or by kind of joint, as its numbers are given."""
-    if model.joint is not None:
-        return joint_freedom(model.joint)
-    n = model.numbers
-    drive = n.drive
-    springs = [Nominal("spring_stiffness", kind, "relative", WIDE) for kind in ("HAA", "HFE", "KFE")]
-    dampers = [
-        Nominal("spring_damping", kind, "coefficient", WIDE * getattr(drive.spring_damping, kind))
-        for kind in ("HAA", "HFE", "KFE")
-    ]
-    links = [Nominal("link_mass", kind, "relative", WIDE) for kind in ("HAA", "HFE", "KFE")]
-    gears = [
-        Nominal(effect, kind, parameter, WIDE * size)
-        for effect, parameter, size in (
-            ("coulomb_friction", "torque", drive.friction_coulomb),
-            ("viscous_friction", "coefficient", drive.friction_viscous),
-            ("motor_inertia", "relative", 1.0),
-            ("torque_constant", "relative", 1.0),
-        )
-        for kind in ("HAA", "HFE", "KFE")
-    ]
-    return (
-        *gears,
-        Nominal("payload", "torso", "mass", WIDE * n.bodies.torso.mass),
-        *springs,
-        *dampers,
-        *links,
-    )
-
-
-def joint_freedom(joint: JointNumbers) -> tuple[Nominal, ...]:
-    """The same for a single joint on a bench."""
-    found = [Nominal("motor_inertia", joint.name, "relative", WIDE)]
-    if joint.viscous_friction > 0:
-        found.append(Nominal("viscous_friction", joint.name, "coefficient", WIDE * joint.viscous_friction))
-    if joint.gravity_load != 0:
-        found.append(Nominal("gravity_load", joint.name, "torque", WIDE * abs(joint.gravity_load)))
-    return tuple(found)
 
 
 def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bool:

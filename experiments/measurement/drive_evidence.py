@@ -19,7 +19,7 @@ SETTLE = 0.05  # s at the start of a log, in which the loops forget what was bef
 FLOOR_DRAWS = 3  # re-noised link motions from which the replay's own noise is estimated
 
 DRIVE_HOOKS = frozenset(
-    "drive_parameters command measurement measured_motion supply_voltage motor_torque friction deflection spring".split()
+    "drive_parameters command measurement measured_motion commanded_velocity supply_voltage motor_torque friction deflection spring".split()
 )
 
 

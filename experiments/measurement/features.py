@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from experiments.effects.delay import LOOP_LAG
 from experiments.effects.effect import Effect
 from experiments.measurement.atoms import Atoms
 
@@ -37,6 +38,7 @@ class Variant(NamedTuple):
     changes: tuple[int, ...]
 
 
+NUISANCES = frozenset({LOOP_LAG.name})  # fitted beside every hypothesis, never one
 SHARP = frozenset({"backlash", "command_delay", "sensor_delay", "stribeck_friction", "spring_hysteresis"})
 
 
@@ -50,7 +52,8 @@ def changes_of(effects: tuple[Effect, ...]) -> tuple[list[Change], list[Variant]
             for strength in effect.strengths:
                 found.append(len(changes))
                 changes.append(Change(effect, strength.name, size * (strength.start or strength.high), shapes))
-            variants.append(Variant(effect, tuple(found)))
+            if effect.name not in NUISANCES:
+                variants.append(Variant(effect, tuple(found)))
     return changes, variants
 
 
@@ -61,9 +64,8 @@ def _shapes_and_sizes(effect: Effect) -> Iterator[tuple[tuple[tuple[str, float],
     shapes = {
         tuple(sorted({**default, **{k: v for k, v in seed.items() if k not in strengths}}.items())) for seed in seeds
     }
-    sizes = SIZES if effect.name in SHARP else (SMALL_STEP,)
-    if effect.name not in SHARP and effect.memory:
-        sizes = SIZES
+    curved = effect.name in SHARP or (effect.memory and effect.name not in NUISANCES)
+    sizes = SIZES if curved else (SMALL_STEP,)
     for shape in sorted(shapes):
         for size in sizes:
             yield shape, size

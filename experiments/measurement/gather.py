@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from experiments.effects.delay import LOOP_LAG
 from experiments.effects.effect import Effect
 from experiments.errors import UserError
 from experiments.measurement.atoms import Atoms
@@ -34,7 +35,7 @@ def gather(
     if model.numbers is None:
         raise UserError(f"{log.name} is a log of the robot, but the model is a single joint.")
     numbers = model.numbers.model_dump(mode="json")
-    atoms = Atoms(tuple(effects.values()), log.joint_names)
+    atoms = Atoms((*effects.values(), LOOP_LAG), log.joint_names)
     blocks = max(int(log.rows * log.sample_period / BLOCK), 1)
     drive = body = None
     if has_drives(log):

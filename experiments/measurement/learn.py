@@ -9,12 +9,12 @@ from experiments.effects.effect import Effect
 from experiments.effects.library import find_effect
 from experiments.effects.places import mask
 from experiments.errors import UserError
-from experiments.measurement.diagnose import nominal_freedom
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
 from experiments.measurement.gather import gather
 from experiments.measurement.log import Log
 from experiments.measurement.noise_floor import noise_of
+from experiments.measurement.nominal import nominal_freedom, timing
 from experiments.measurement.refit import Placed, Refitted, refit
 from experiments.measurement.selection import score
 from experiments.measurement.verdict import COVERAGE, misfit
@@ -52,8 +52,9 @@ def learn(
     freedom = nominal_freedom(model, tuple(library.values())) if nominal else ()
     used |= {n.effect: library[n.effect] for n in freedom}
     evidence = [gather(log, model, used, noise_of(log)) for log in logs]
+    clock = timing(evidence[0].atoms.effects)
     start = _starts(evidence, wanted)
-    fit = refit(evidence, start, freedom)
+    fit = refit(evidence, start, (*freedom, *clock))
     record = {
         "when": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "logs": [log.name for log in logs],
@@ -62,7 +63,7 @@ def learn(
     }
     for placed, values in _fitted(fit, {e.name: e for e in evidence[0].atoms.effects}):
         model = model.with_effect(PlacedEffect(effect=placed.effect, where=placed.where, parameters=values))
-    for n, value in zip(freedom, fit.nominal, strict=True):
+    for n, value in zip(freedom, fit.nominal, strict=False):  # the clock is the log's, not the robot's
         if abs(value) > 0.2 * n.deviation:
             parameters = {n.parameter: FittedValue(value=float(value), unit="")}
             model = model.with_effect(PlacedEffect(effect=n.effect, where=n.where, parameters=parameters))
@@ -71,9 +72,10 @@ def learn(
 
 def _starts(evidence: Sequence[Evidence], wanted: Sequence[tuple[str, str]]) -> list[Placed]:
     """Start values: what the linear score suggests for each effect at its place."""
-    empty = refit(evidence, (), (), iterations=2)
+    clock = timing(evidence[0].atoms.effects)
+    empty = refit(evidence, (), clock, iterations=2)
     changes, variants = changes_of(evidence[0].atoms.effects)
-    ranking = score(evidence, empty, (), changes, variants)
+    ranking = score(evidence, empty, clock, changes, variants)
     return [next(Placed(n, w, s.values) for s in ranking if (s.effect.name, s.where) == (n, w)) for n, w in wanted]
 
 

@@ -109,7 +109,7 @@ def score(
     """Every effect at its best place and shape, best first."""
     atoms = logs[0].atoms
     products = [log.products(point, changes) for log, point in zip(logs, fit.points, strict=True)]
-    reduced = [_without_nuisances(p, atoms, nominal, changes, variants) for p in products]
+    reduced = [_without_nuisances(p, atoms, nominal, changes) for p in products]
     found = []
     for variant in variants:
         for where in atoms.places(variant.effect):
@@ -170,14 +170,12 @@ def _proven(winner: Finalist, before: float, logs: Sequence[Evidence], test) -> 
     return before - winner.held_out > max(LEAST_GAIN, LEAST_SHARE * affected, LEAST_STEP * (before - points))
 
 
-def _without_nuisances(p: Products, atoms, nominal, changes, variants) -> np.ndarray:
+def _without_nuisances(p: Products, atoms, nominal, changes) -> np.ndarray:
     width = p.gram.shape[1]
     directions = [np.eye(width)[i] for i in p.nuisances]
     prior = [1.0] * len(directions)
     for n in nominal:
-        k = next(
-            k for v in variants for k in v.changes if v.effect.name == n.effect and changes[k].strength == n.parameter
-        )
+        k = next(k for k, c in enumerate(changes) if (c.effect.name, c.strength) == (n.effect, n.parameter))
         column = np.zeros(width)
         place = mask(n.where, changes[k].effect.axis, atoms.joint_names)
         column[p.start[k] : p.start[k] + len(place)] = place / changes[k].step * n.deviation
