@@ -19,7 +19,7 @@ all members are finished. `starleth collect FOLDER` puts the results side by sid
 
     starleth sweep --task squat_jump --seeds 0-7 --output runs/seeds
     starleth sweep sweep.json --output runs/models --workers 4
-    starleth sweep sweep.json --output runs/models --executor submitit --workers 64     (pip install 'starleth[slurm]')
+    starleth sweep sweep.json --output runs/models --executor submitit --workers 64     (pip install 'starleth\\[slurm]')
     starleth sweep sweep.json --output runs/models --executor dask --scheduler tcp://head:8786
     starleth sweep sweep.json --output runs/models --script | sbatch
 
@@ -45,6 +45,7 @@ def command(
     perturbations: Annotated[Path | None, typer.Option(help="Perturbation file, as for tune.")] = None,
     trials: Annotated[int | None, typer.Option(min=1, help="Trials per candidate, as for tune.")] = None,
     risk: Annotated[str | None, typer.Option(help="mean, worst or cvar, as for tune.")] = None,
+    alpha: Annotated[float | None, typer.Option(min=0, max=0.999, help="The share of cvar, as for tune.")] = None,
     effects: EffectsOption = None,
     executor: Annotated[str, typer.Option(help="local (processes), submitit (SLURM) or dask.")] = "local",
     workers: Annotated[int | None, typer.Option(min=1, max=10_000, help="Members at a time.")] = None,
@@ -67,7 +68,8 @@ def command(
             raise UserError(f"{source} is a sweep already; leave --task, --model and --output away to go on with it.")
     else:
         folder = output
-        chosen = {"drive": drive, "generations": generations, "population": population, "trials": trials, "risk": risk}
+        chosen = {"drive": drive, "generations": generations, "population": population, "trials": trials}
+        chosen |= {"risk": risk, "alpha": alpha}
         chosen["perturbations"] = None if perturbations is None else str(perturbations)
         sweep = _new_sweep(source, task, model, {"seeds": seeds, **chosen})
     if folder is None:
