@@ -60,7 +60,9 @@ def command(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the run. Default: runs/TASK.")
     ] = None,
-    perturbations: Annotated[Path | None, typer.Option(help="rough, well_kept, or a file, in place of the task's own.")] = None,
+    perturbations: Annotated[
+        Path | None, typer.Option(help="rough, well_kept, or a file, in place of the task's own.")
+    ] = None,
     effects: EffectsOption = None,
     distributed: Annotated[
         bool, typer.Option("--distributed", help="One of several processes of one search, as the cluster says.")
