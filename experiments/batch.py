@@ -16,12 +16,24 @@ import numpy as np
 from jax.sharding import AxisType
 
 CHUNK = 16  # environments per device whose working set stays in cache (README, `starleth bench`)
+ACCELERATOR_CHUNK = 512  # the same for a device with lanes to fill and a memory of its own
 
 
 def device_mesh(devices: Sequence[jax.Device] | None = None) -> jax.sharding.Mesh:
     """A one-axis mesh 'members' over the given devices (default: all of this process)."""
     devices = list(devices or jax.local_devices())
     return jax.make_mesh((len(devices),), ("members",), axis_types=(AxisType.Auto,), devices=devices)
+
+
+def local_mesh(cpu_devices: int | None = None) -> jax.sharding.Mesh:
+    """So many CPU devices of this process (default: all), or every accelerator that it has."""
+    devices = jax.local_devices()
+    return device_mesh(devices[:cpu_devices] if devices[0].platform == "cpu" else devices)
+
+
+def chunk_on(mesh: jax.sharding.Mesh, cpu_chunk: int) -> int:
+    """Environments in one chunk of a mesh's devices."""
+    return cpu_chunk if mesh.devices.flat[0].platform == "cpu" else max(cpu_chunk, ACCELERATOR_CHUNK)
 
 
 def batched(function: Callable[..., Any], mesh: jax.sharding.Mesh, chunk: int = CHUNK) -> Callable[[Any, Any], Any]:

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.batch import batched, in_slices
+from experiments.batch import batched, chunk_on, in_slices
 from experiments.distributed import gathered, share
 from experiments.effects.effect import Effect
 from experiments.imu_sensing import make_sensing
@@ -47,9 +47,14 @@ class Evaluation:
     drive: str
     library: Mapping[str, Effect]
     mesh: jax.sharding.Mesh
-    chunk: int
+    chunk: int  # on CPU devices
     sensing: Sensing | None = None  # that of the task's last stage unless given
     watched: Callable[[Task, Plant], Task] = unwatched  # what else of a rollout is scored
+
+    @cached_property
+    def members_per_chunk(self) -> int:
+        """A member's last bit depends on its place among these."""
+        return chunk_on(self.mesh, self.chunk)
 
     @cached_property
     def rollout(self) -> Rollout:
@@ -66,13 +71,13 @@ class Evaluation:
             trial = Trial(member.numbers, noise, member.noise_start)
             return rollout.score(params, settings, member.values, trial)
 
-        return batched(one, self.mesh, self.chunk)
+        return batched(one, self.mesh, self.members_per_chunk)
 
     def scores(self, members: Members, torque_limit: float = 1.0) -> Score:
         """Scores of all members, NumPy leaves with the member axis first; each process runs its share of them."""
         params, settings = self.limited(torque_limit)
         shared = (params, settings, noise_table())
-        mine = share(members, self.chunk)
+        mine = share(members, self.members_per_chunk)
         few = len(mine.values) <= SLICE
         scores = self._program(shared, mine) if few else in_slices(self._program, shared, mine, SLICE)
         return gathered(scores, len(members.values))

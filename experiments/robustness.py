@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from experiments.batch import CHUNK, device_mesh
+from experiments.batch import CHUNK, local_mesh
 from experiments.effects.effect import Effect
 from experiments.effects.library import LIBRARY
 from experiments.evaluation import Evaluation, Members, crossed
@@ -73,7 +73,7 @@ class PerturbedTrials:
     @cached_property
     def evaluation(self) -> Evaluation:
         o = self.options
-        mesh = device_mesh(jax.devices()[: o.devices] if o.devices else None)
+        mesh = local_mesh(o.devices)
         model = o.perturbations.on(o.model, o.library)
         return Evaluation(model, o.definition, o.drive, o.library, mesh, CHUNK, watched=with_margins)
 
@@ -92,8 +92,9 @@ class PerturbedTrials:
 
     def alone(self, index: int) -> dict[str, np.generic]:
         """One trial's row, from the chunk that it has its place in: the last bit depends on the place in the vector."""
-        first = index - index % CHUNK
-        return {name: column[index - first] for name, column in self.run(first, CHUNK).items()}
+        chunk = self.evaluation.members_per_chunk
+        first = index - index % chunk
+        return {name: column[index - first] for name, column in self.run(first, chunk).items()}
 
     @cached_property
     def units(self) -> dict[str, str]:

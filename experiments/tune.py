@@ -20,7 +20,7 @@ from es import (
     reduce_costs,
     search,
 )
-from experiments.batch import device_mesh
+from experiments.batch import local_mesh
 from experiments.distributed import checkpointer as make_checkpointer
 from experiments.distributed import is_first
 from experiments.effects.effect import Effect
@@ -103,7 +103,7 @@ class StagedEvaluation:
 
     def __init__(self, options: TuneOptions) -> None:
         self.options = options
-        self.mesh = device_mesh(jax.local_devices()[: options.devices] if options.devices else None)
+        self.mesh = local_mesh(options.devices)
         self.stages = {stage.name: stage for stage in options.definition.stages}
         self._evaluations: dict[tuple[str, str], Evaluation] = {}
 

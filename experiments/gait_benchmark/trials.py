@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.batch import batched, device_mesh
+from experiments.batch import batched, chunk_on, local_mesh
 from experiments.imu_sensing import make_sensing
 from experiments.model import Model
 from experiments.plant import make_plant
@@ -85,8 +85,8 @@ class GaitTrials:
         task = make_task(definition, model)
         free = GaitTask("any gait", (), SEGMENT, task.period, task.settings, task.weights)
         self.rollout = Rollout(make_plant(model, "full"), free, make_sensing("estimated", model))
-        self.mesh = device_mesh(jax.local_devices()[:devices] if devices else None)
-        self.chunk = chunk
+        self.mesh = local_mesh(devices)
+        self.chunk = chunk_on(self.mesh, chunk)
 
     @cached_property
     def _begin(self):
