@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+LARGEST = 1e30  # of any bound: float32 holds it, and a range made of two of them
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -35,6 +37,10 @@ class Parameter:
                 value = self.high - self.low
             if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
                 raise ValueError(f"parameter '{self.name}': {field} must be a finite number, not {value!r}")
+            if abs(value) > LARGEST:
+                raise ValueError(
+                    f"parameter '{self.name}': {field} = {value:g} is too large; keep it below {LARGEST:g}"
+                )
             object.__setattr__(self, field, float(value))
         # a range that float32 cannot resolve would silently be a single value in the rollout
         if not np.float32(self.low) < np.float32(self.high):

@@ -43,7 +43,8 @@ def first_complaint(error: ValidationError) -> str:
     """The first of pydantic's complaints, with its place in the file, as the rest of a sentence."""
     first = error.errors(include_url=False, include_context=False, include_input=False)[0]
     place = shown(".".join(str(part) for part in first["loc"]))
-    message = first["msg"].removeprefix("Value error, ")
+    objects = first["type"] in ("model_type", "dict_type", "model_attributes_type")
+    message = "must be a JSON object" if objects else first["msg"].removeprefix("Value error, ")
     return shown(f"'{place}': {message[:1].lower()}{message[1:]}" if place else message)
 
 

@@ -16,8 +16,9 @@ from experiments.effects.effect import Effect
 from experiments.effects.library import LIBRARY
 from experiments.effects.places import mask
 from experiments.errors import UserError
-from experiments.files import read_json, shown
+from experiments.files import first_complaint, read_json, shown
 from experiments.model import FittedValue, Model, PlacedEffect
+from experiments.tasks.definition import TaskDefinition
 from experiments.trial import DISTURBANCES, NOISE_ROWS, PERTURBATIONS
 
 MAX_BYTES = 1_000_000
@@ -148,6 +149,15 @@ def load_perturbations(
     return parse_perturbations(read_json(Path(name), MAX_BYTES), shown(name), model, library)
 
 
+def perturbations_of_task(
+    definition: TaskDefinition, name_or_file: str | Path | None, model: Model, library: Mapping[str, Effect] = LIBRARY
+) -> Perturbations:
+    """Those asked for, else the task's own, else `well_kept`. Raises UserError."""
+    if name_or_file is None and definition.perturbations:
+        return parse_perturbations(definition.perturbations, f"the perturbations of {definition.task}", model, library)
+    return load_perturbations(name_or_file, model, library)
+
+
 def parse_perturbations(
     content: object, source: str, model: Model, library: Mapping[str, Effect] = LIBRARY
 ) -> Perturbations:
@@ -155,9 +165,7 @@ def parse_perturbations(
     try:
         perturbations = Perturbations.model_validate(content)
     except ValidationError as error:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"]) or "the file"
-        raise UserError(shown(f"{source}: {place}: {first['msg'].removeprefix('Value error, ')}") + ".") from None
+        raise UserError(f"{source}: {first_complaint(error)}.") from None
     for name, law in perturbations.draw.items():
         try:
             number = describe(name, model, library)

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from experiments.errors import UserError
-from experiments.files import read_json, shown
+from experiments.files import first_complaint, read_json, shown
 from experiments.parameter_file import Count, Line, Name, RobustnessGate, Share, Word
 
 SCHEMA_VERSION: Final = 1
@@ -108,10 +108,8 @@ def read_robustness(path: Path | str) -> RobustnessFile:
     try:
         return RobustnessFile.model_validate(read_json(path, MAX_BYTES))
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"]) or "the file"
         raise UserError(
-            f"{shown(path)} is refused: {shown(place)}: {shown(first['msg'])}; run 'starleth robustness' again."
+            f"{shown(path)} is refused: {first_complaint(error)}; run 'starleth robustness' again."
         ) from None
 
 

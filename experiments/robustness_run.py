@@ -20,7 +20,7 @@ from experiments.reports.robustness import write_robustness_report
 from experiments.reports.robustness_trial import write_trial_report
 from experiments.robustness import PerturbedTrials, RobustnessOptions, describe_trial, run_trials, summary
 from experiments.robustness_file import RobustnessFile
-from experiments.run_folder import RunFolder
+from experiments.run_folder import RunFolder, make_answer_folder
 from experiments.tasks.definition import load_task
 from experiments.trial import Trial, noise_table
 from sea_jax import DRIVES
@@ -129,12 +129,10 @@ def analyse(
 def one_trial(plan: Plan, index: int, output: Path | None) -> dict[str, Any]:
     """One trial alone, to the bits it had among the others; with `output`, a report with its motion."""
     trials = plan.trials
+    if output is not None:
+        make_answer_folder(output)
     answer = describe_trial(trials, trials.alone(index), plan.command)
     if output is not None:
-        try:
-            output.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UserError(f"{shown(output)} cannot be made: {error.strerror}; give another folder.") from None
         evaluation, members = trials.evaluation, trials.members(index, 1)
         trial = Trial({n: x[0] for n, x in members.numbers.items()}, noise_table(), members.noise_start[0])
         params, settings = evaluation.limited()

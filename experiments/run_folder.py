@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from experiments.errors import UserError
-from experiments.files import TEMPORARY_NAME, read_json, shown, write_json
+from experiments.files import TEMPORARY_NAME, read_json, refuse_unwritable, shown, write_json
 
 SCHEMA_VERSION: Final = 1
 RUN_FILE: Final = "run.json"
@@ -84,6 +84,18 @@ def open_run(
         if not finished:
             _write_record(folder, command, wanted, finished=False)
         yield run
+
+
+def make_answer_folder(path: Path | str) -> None:
+    """A folder for an answer that is no run of its own, made before the work. Raises UserError.
+
+    The folder of a run is refused: its report would be overwritten.
+    """
+    folder = Path(path)
+    _make(folder)
+    refuse_unwritable(folder / "report.html")
+    if (folder / RUN_FILE).exists():
+        raise UserError(f"{shown(folder)} holds a run, whose report would be lost; give another output folder.")
 
 
 def _make(folder: Path) -> None:

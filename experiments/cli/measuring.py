@@ -53,12 +53,13 @@ def compare_command(
     from experiments.measurement.compare import compare
     from experiments.measurement.intake import read_checked
     from experiments.reports.comparison import write_comparison_report
+    from experiments.run_folder import make_answer_folder
 
     robot, library = _model(model, effects)
     taken = read_checked(log, columns, robot)
     robot, library = _on_bench(taken, robot, library)
     if output is not None:
-        _folder(output)
+        make_answer_folder(output)
     found = compare(taken, robot, library)
     answer = found.answer()
     if output is not None:
@@ -81,19 +82,20 @@ def diagnose_command(
     from experiments.measurement.next_experiment import write_commands
     from experiments.reports.data_fault import write_fault_report
     from experiments.reports.diagnosis import write_diagnosis_report
+    from experiments.run_folder import make_answer_folder
 
     robot, library = _model(model, effects)
     try:
         taken = [read_checked(log, columns, robot) for log in logs]
     except LogFault as fault:
         answer = fault.answer()
-        _folder(output)
+        make_answer_folder(output)
         _write(output, "diagnosis.json", answer)
         write_fault_report(output / "report.html", fault)
         print(json.dumps(answer))
         return
     robot, library = _on_bench(taken[0], robot, library)
-    _folder(output)
+    make_answer_folder(output)
     found = diagnose(taken, robot, library, _say)
     _write(output, "diagnosis.json", found.answer)
     if found.next_experiment.excitation is not None:
@@ -146,18 +148,6 @@ def _on_bench(log, model, library):
     if model.joint is not None:
         library = dict(library) | {GRAVITY_LOAD.name: GRAVITY_LOAD}
     return model, library
-
-
-def _folder(folder: Path) -> None:
-    """Make the output folder before the work, so that a bad one costs none. Raises UserError."""
-    from experiments.errors import UserError
-    from experiments.files import refuse_unwritable
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"{folder} cannot be made: {error.strerror}; choose another folder.") from None
-    refuse_unwritable(folder / "report.html")
 
 
 def _write(folder: Path, name: str, answer: dict) -> None:

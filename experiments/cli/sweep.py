@@ -77,6 +77,7 @@ def command(
     extra = Extra(devices, tuple(effects or ()))
     if only is not None:
         raise typer.Exit(_run_one(folder, sweep, extra, only))
+    _refuse_unknown(sweep, extra)
     workers = workers or max(1, available_cores() // devices)
     place = Place(executor, workers, devices, scheduler, cluster, hours)  # type: ignore[arg-type]
     from experiments.run_folder import open_run
@@ -91,6 +92,25 @@ def command(
         if not _run(folder, sweep, extra, place):
             raise typer.Exit(FAILED)
         run.mark_finished()
+
+
+def _refuse_unknown(sweep, extra) -> None:
+    """What every member would refuse for itself, said before there is a folder. Raises UserError."""
+    from experiments.effects.library import load_effects
+    from experiments.model import load_model
+    from experiments.perturbations import perturbations_of_task
+    from experiments.sweep import NOMINAL
+    from experiments.sweep_member import TUNE
+    from experiments.tasks.definition import load_task
+
+    if extra.program != TUNE:
+        return
+    library = load_effects(extra.effects)
+    tasks = [load_task(task) for task in sweep.tasks]
+    for source in sweep.models:
+        model = load_model(None if source == NOMINAL else Path(source), library)
+        for task in tasks:
+            perturbations_of_task(task, sweep.perturbations, model, library)
 
 
 def _new_sweep(source: Path | None, task: list[str] | None, model: list[str] | None, chosen: dict[str, Any]):

@@ -26,7 +26,8 @@ Ctrl-C and SIGTERM leave a resumable run: the same command continues it, to the 
     starleth tune squat_jump --refine 40               then downhill by gradients; also on a finished run
     starleth tune squat_jump --generations 0 --refine 40     by gradients alone, from the initial guess
 
---refine takes slopes from a smooth approximation of the rollout up to touch-down, and steps that lower the true cost.
+--refine takes slopes from a smooth approximation of the rollout (a jump up to touch-down, a gait's first strides), and
+steps that lower the true cost.
 """
 
 
@@ -43,7 +44,7 @@ def command(
         str, typer.Option(help="Drive of the last stages: full, cheap (no current loop) or ideal.")
     ] = "full",
     generations: Annotated[int | None, typer.Option(min=0, max=1_000_000, help="Generations of all stages.")] = None,
-    population: Annotated[int | None, typer.Option(min=4, help="Candidates per generation.")] = None,
+    population: Annotated[int | None, typer.Option(min=4, max=1_000_000, help="Candidates per generation.")] = None,
     trials: Annotated[
         int | None, typer.Option(min=1, max=10_000, help="Perturbed trials per candidate in the last stage.")
     ] = None,
@@ -61,7 +62,7 @@ def command(
         Path | None, typer.Option("--output", "-o", help="Folder of the run. Default: runs/TASK.")
     ] = None,
     perturbations: Annotated[
-        Path | None, typer.Option(help="rough, well_kept, or a file, in place of the task's own.")
+        str | None, typer.Option(help="rough, well_kept, or a file, in place of the task's own.")
     ] = None,
     effects: EffectsOption = None,
     distributed: Annotated[
@@ -81,7 +82,7 @@ def command(
     from experiments.effects.library import load_effects
     from experiments.errors import UserError
     from experiments.model import load_model
-    from experiments.perturbations import load_perturbations, parse_perturbations
+    from experiments.perturbations import perturbations_of_task
     from experiments.smooth.rollout import smooth_rollout
     from experiments.tasks.definition import load_task
     from experiments.tasks.registry import make_task
@@ -97,16 +98,11 @@ def command(
     if generations:
         definition = definition.with_generations(generations)
     if population is not None:
-        definition = definition.model_copy(update={"population": population})
+        definition = definition.with_population(population)
     if trials is not None:
         definition = definition.with_trials(trials)
     robot = load_model(model, library)
-    if perturbations is None and definition.perturbations:
-        chosen = parse_perturbations(
-            definition.perturbations, f"the perturbations of {definition.task}", robot, library
-        )
-    else:
-        chosen = load_perturbations(perturbations, robot, library)
+    chosen = perturbations_of_task(definition, perturbations, robot, library)
     options = TuneOptions(
         definition,
         robot,

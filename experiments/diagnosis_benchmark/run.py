@@ -16,6 +16,7 @@ from experiments.independent_plant.generate import generate
 from experiments.measurement.gather import model_for
 from experiments.measurement.intake import LogFault, read_checked
 from experiments.model import nominal_model
+from experiments.run_folder import make_answer_folder
 
 MAX_BYTES = 50_000_000
 
@@ -63,7 +64,7 @@ def answer(path: Path, hidden: list[str]) -> dict[str, Any]:
 
 
 def _claim(folder: Path, settings: dict[str, Any]) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
+    make_answer_folder(folder)
     note = folder / "benchmark.json"
     if note.exists() and read_json(note, MAX_BYTES) != settings:
         raise UserError(

@@ -12,6 +12,7 @@ from experiments.errors import UserError
 from experiments.files import first_complaint, read_json, shown
 
 MAX_BYTES = 1_000_000
+MOST_ROLLOUTS = 10_000_000  # of one generation: their scores are held at once
 
 
 class _Strict(BaseModel):
@@ -48,7 +49,7 @@ class TaskDefinition(_Strict):
     about: str = ""
     duration: Annotated[float, Field(gt=0, le=120)]
     parameters: tuple[ParameterDefinition, ...]
-    weights: dict[str, FiniteFloat]
+    weights: dict[str, Annotated[float, Field(ge=-1e9, le=1e9)]]
     settings: dict[str, Any] = {}
     population: Annotated[int, Field(ge=4, le=1_000_000)] = 15
     sigma: Annotated[float, Field(gt=0, lt=1)] = 0.2
@@ -73,14 +74,30 @@ class TaskDefinition(_Strict):
         now = sum(stage.generations for stage in self.stages)
         counts = [max(1, total * stage.generations // now) for stage in self.stages]
         counts[-1] += total - sum(counts)
+        while counts[-1] < 1:
+            counts[counts.index(max(counts))] -= 1
+            counts[-1] += 1
         stages = [s.model_copy(update={"generations": n}) for s, n in zip(self.stages, counts, strict=True)]
         return self.model_copy(update={"stages": tuple(stages)})
-
 
     def with_trials(self, count: int) -> "TaskDefinition":
         """The last stage with so many perturbed trials for each candidate."""
         last = self.stages[-1].model_copy(update={"perturbed": True, "trials": count})
-        return self.model_copy(update={"stages": (*self.stages[:-1], last)})
+        return self.model_copy(update={"stages": (*self.stages[:-1], last)}).bounded()
+
+    def with_population(self, count: int) -> "TaskDefinition":
+        """The same search with so many candidates in a generation."""
+        return self.model_copy(update={"population": count}).bounded()
+
+    def bounded(self) -> "TaskDefinition":
+        """Itself, unless a generation would not fit into any memory. Raises UserError."""
+        trials = max(stage.trials for stage in self.stages)
+        if self.population * trials > MOST_ROLLOUTS:
+            raise UserError(
+                f"Task {self.task}: {self.population} candidates in {trials} trials each are more than the "
+                f"{MOST_ROLLOUTS} rollouts of one generation; take fewer."
+            )
+        return self
 
 
 def task_names() -> tuple[str, ...]:
@@ -110,7 +127,7 @@ def parse_task(content: Any, source: str) -> TaskDefinition:
         raise UserError(f"{shown(source)}: {first_complaint(error)}.") from None
     except ValueError as error:
         raise UserError(f"{shown(source)}: {shown(str(error))}.") from None
-    return definition
+    return definition.bounded()
 
 
 def check_weights(weights: Mapping[str, float], known: tuple[str, ...], task: str) -> None:

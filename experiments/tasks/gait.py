@@ -239,7 +239,9 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
     known = {"controller", "command", "flight", "turn_start"}
     wrong = set(definition.settings) ^ known
     if wrong:
-        raise UserError(f"Task {task}: its settings are {', '.join(sorted(known))}; correct the key '{shown(min(wrong))}'.")
+        raise UserError(
+            f"Task {task}: its settings are {', '.join(sorted(known))}; correct the key '{shown(min(wrong))}'."
+        )
     controller = controller_from_settings(definition.settings["controller"], geometry.torque_limits, task)
     command = definition.settings["command"]
     if set(command) != set(VelocityCommand._fields):
@@ -253,4 +255,9 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
         turn_start=jnp.float32(definition.settings["turn_start"]),
     )
     period = numbers["loops"]["control_period"]
-    return GaitTask(task, names, round(definition.duration / period), period, settings, definition.weights)
+    made = GaitTask(task, names, round(definition.duration / period), period, settings, definition.weights)
+    if definition.duration <= made.settled:
+        raise UserError(
+            f"Task {task}: a duration of {definition.duration:g} s is too short: the gait is judged from {made.settled:g} s on."
+        )
+    return made

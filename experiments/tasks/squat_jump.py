@@ -8,8 +8,10 @@ import jax.numpy as jnp
 
 from controller_jax import squat_jump
 from controller_jax.geometry import geometry_from_numbers
-from controller_jax.squat_jump import SquatJumpParams, SquatJumpSettings
+from controller_jax.squat_jump import OVERTIME, SquatJumpParams, SquatJumpSettings
 from controller_jax.types import JointTargets, RobotState
+from experiments.errors import UserError
+from experiments.files import shown
 from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
@@ -31,6 +33,12 @@ TERMS = (
     "standing",
     "no_flight",
     "fall",
+)
+PARAMETERS = (
+    *(f"height_{i}" for i in range(8)),
+    *(f"foot_{i}" for i in range(3)),
+    "initial_height",
+    "vertical_damping",
 )
 CONTACT_TOLERANCE = 1e-5  # m that a foot may start inside the ground: rounding
 CONE_EDGE = 0.8  # share of the friction cone beyond which a desired force is charged (FACTS 3.5)
@@ -186,9 +194,18 @@ def as_float(condition: Array) -> Array:
 
 
 def make_task(definition: TaskDefinition, model: Model) -> SquatJumpTask:
-    """The task on a robot's numbers. Raises UserError for wrong weights."""
+    """The task on a robot's numbers. Raises UserError for wrong weights, parameters, settings or a duration too short."""
     check_weights(definition.weights, TERMS, definition.task)
+    names = tuple(parameter.name for parameter in definition.parameters)
+    if names != PARAMETERS:
+        raise UserError(f"Task {definition.task}: its parameters are {', '.join(PARAMETERS)}, in this order.")
+    if definition.settings:
+        key = shown(min(definition.settings))
+        raise UserError(f"Task {definition.task}: it has no settings; remove the key '{key}' from them.")
     numbers = model.numbers.model_dump(mode="json")
     settings = squat_jump.default_settings(geometry_from_numbers(numbers))
+    shortest = float(settings.crouch_time + settings.launch_time) + OVERTIME + STANDING_TIME
+    if definition.duration < shortest:
+        raise UserError(f"Task {definition.task}: a duration of {definition.duration:g} s is too short for a jump.")
     period = numbers["loops"]["control_period"]
     return SquatJumpTask(definition.task, round(definition.duration / period), period, settings, definition.weights)

@@ -15,7 +15,7 @@ import pytest
 from experiments import run_folder
 from experiments.errors import UserError
 from experiments.files import write_text
-from experiments.run_folder import RUN_FILE, open_run
+from experiments.run_folder import RUN_FILE, make_answer_folder, open_run
 
 SETTINGS = {"task": "squat_jump", "seed": 1, "stages": ("loose", "full"), "devices": 2}
 
@@ -201,3 +201,21 @@ def test_a_record_of_a_later_version_is_refused(tmp_path):
     record = json.loads((tmp_path / RUN_FILE).read_text())
     (tmp_path / RUN_FILE).write_text(json.dumps(record | {"schema_version": 2}))
     refused(tmp_path, "another version")
+
+
+@pytest.mark.parametrize("name", ["a file", "a file/below", "/dev/null", "/proc/sys/no_such", "\0", "x" * 300])
+def test_a_place_for_an_answer_that_cannot_be_made_is_one_sentence(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a file").write_text("x")
+    with pytest.raises(UserError, match=r"give another output folder\.$") as error:
+        make_answer_folder(name)
+    assert str(error.value).isprintable()
+
+
+def test_an_answer_does_not_overwrite_the_report_of_a_run(tmp_path):
+    make_answer_folder(tmp_path / "a" / "b")
+    make_answer_folder(tmp_path / "a" / "b")
+    with open_run(tmp_path / "run", "tune", SETTINGS):
+        pass
+    with pytest.raises(UserError, match="holds a run, whose report would be lost"):
+        make_answer_folder(tmp_path / "run")

@@ -88,7 +88,7 @@ def test_members_are_tasks_times_models_times_seeds_with_derived_names():
 @pytest.mark.parametrize(
     ("content", "match"),
     [
-        ([], "valid dictionary"),
+        ([], "must be a JSON object"),
         ({}, "tasks"),
         ({"tasks": []}, "tasks"),
         ({"tasks": ["a"], "colour": 1}, "colour"),
@@ -304,6 +304,9 @@ def test_a_member_called_like_a_script_is_only_text_in_the_report(tmp_path):
         (["sweep", "nowhere.json", "--output", "o"], "cannot read nowhere.json"),
         (["sweep", "--task", "x", "--output", "o", "--executor", "magic"], "No executor 'magic'"),
         (["sweep", "--task", "x", "--seeds", "a", "--output", "o"], "no number or range"),
+        (["sweep", "--task", "no_such_task", "--output", "o"], "No task 'no_such_task'"),
+        (["sweep", "--task", "squat_jump", "--model", "x.json", "--output", "o"], "x.json: no such file"),
+        (["sweep", "--task", "squat_jump", "--perturbations", "x", "--output", "o"], "cannot read x"),
         (["collect", "nowhere"], "nowhere holds no sweep"),
     ],
 )
@@ -318,6 +321,7 @@ def test_bad_input_on_the_command_line_is_one_sentence(tmp_path, monkeypatch, wo
     result = CliRunner().invoke(app, words)
     assert isinstance(result.exception, UserError), result.output
     assert match in str(result.exception) and "\n" not in str(result.exception)
+    assert not (tmp_path / "o").exists()
 
 
 @pytest.mark.slow
