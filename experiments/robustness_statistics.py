@@ -1,5 +1,6 @@
 """What thousands of trials say: success with its interval, which perturbation matters, survival over a disturbance."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +9,7 @@ from scipy import stats
 CONFIDENCE = 0.95
 BINS = 10  # of equal count for the ranking, of equal width for the curves
 FEWEST_PER_BIN = 5  # below this a rank test says nothing
+RESAMPLES = 2000
 
 
 def success_interval(successes: int, trials: int) -> tuple[float, float]:
@@ -88,3 +90,19 @@ def distribution(values: np.ndarray) -> Distribution:
     x = np.asarray(values, float)
     p05, p50, p95 = np.quantile(x, [0.05, 0.5, 0.95])
     return Distribution(*(float(v) for v in (x.mean(), x.std(), x.min(), p05, p50, p95, x.max())))
+
+
+class Difference(NamedTuple):
+    """How much a figure of one motion differs from another's on the same trials; below zero: it is smaller."""
+
+    value: float
+    low: float  # 95 % interval
+    high: float
+
+
+def paired_difference(before: np.ndarray, after: np.ndarray, statistic: Callable[[np.ndarray], float]) -> Difference:
+    """`statistic` of costs `after` (N,) minus that of `before` (N,), trial by trial the same; percentile bootstrap."""
+    rows = np.random.default_rng(0).integers(len(before), size=(RESAMPLES, len(before)))
+    drawn = [statistic(after[row]) - statistic(before[row]) for row in rows]
+    low, high = np.quantile(drawn, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2])
+    return Difference(float(statistic(after) - statistic(before)), float(low), float(high))

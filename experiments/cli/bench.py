@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.cli import bench_gradients
+from experiments.cli import bench_gradients, bench_risk
 from experiments.cli.options import DevicesOption, ModelOption, SeedOption, available_cores, start_jax
 
 HELP = """Measure speed side by side with MuJoCo C in one run, on all cores; one JSON line per entry.
@@ -16,6 +16,8 @@ HELP = """Measure speed side by side with MuJoCo C in one run, on all cores; one
     starleth bench --rounds 20        more rounds; the best of each entry counts
     starleth bench diagnosis          how often the diagnosis is right, on hidden effects of an independent plant
     starleth bench gaits              how long the gaits keep going, what throws them over, MuJoCo C
+    starleth bench gradients          CMA-ES, gradients and both at equal wall time
+    starleth bench risk               a plain and a robust search on perturbed trials that neither has seen
 """
 GAITS = """How long do the gaits keep going, and what throws them over?
 
@@ -44,6 +46,7 @@ def register(app: typer.Typer) -> None:
     bench.command("diagnosis", help=DIAGNOSIS)(diagnosis)
     bench.command("gaits", help=GAITS)(gaits)
     bench.command("gradients", help=bench_gradients.HELP)(bench_gradients.gradients)
+    bench.command("risk", help=bench_risk.HELP)(bench_risk.risk)
     app.add_typer(bench, name="bench")
 
 
@@ -111,20 +114,16 @@ def gaits(
     ),
 ) -> None:
     start_jax(devices)
-    from experiments.errors import UserError
     from experiments.files import refuse_unwritable, write_json
     from experiments.gait_benchmark.run import Plan, find_motions, measure
     from experiments.model import load_model
     from experiments.reports.gait_benchmark import write_gait_benchmark_report
+    from experiments.run_folder import make_answer_folder
 
     robot = load_model(model)
     plan = Plan(find_motions(names or (), robot), trials, cycles, sweep_trials, mujoco_c)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"cannot make the folder {folder}: {error.strerror}; give another one with --output.") from None
-    for name in ("gaits.json", "report.html"):
-        refuse_unwritable(folder / name)
+    make_answer_folder(folder)
+    refuse_unwritable(folder / "gaits.json")
     results = []
     for result in measure(plan, robot, devices, lambda text: typer.echo(text, err=True)):
         results.append(result)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.robustness_statistics import dependence, influence, success_interval, survival
+from experiments.robustness_statistics import dependence, influence, paired_difference, success_interval, survival
 
 N = 4000
 NOISE_SHARE = 0.02  # a perturbation without influence may explain this much of 4000 trials by chance
@@ -66,3 +66,15 @@ def test_dependence_is_rare_where_there_is_none() -> None:
     found = [dependence(trials, rng.binomial(50, 0.8, 10)) for _ in range(300)]
     assert 0.01 < np.mean(np.array(found) < 0.05) < 0.1  # a p value is uniform: 5 %, 300 times
     assert dependence(trials, trials) == 1.0 and dependence(np.array([50, 0]), np.array([20, 0])) == 1.0
+
+
+def test_a_paired_difference_covers_the_truth_and_is_narrower_than_what_both_spread() -> None:
+    rng = np.random.default_rng(4)
+    covered = 0
+    for _ in range(60):
+        trial = rng.standard_normal(200)
+        found = paired_difference(trial, trial + 0.05 * rng.standard_normal(200) - 0.01, np.mean)
+        assert found.low < found.value < found.high
+        assert found.high - found.low < 0.02  # of single motions: 0.28
+        covered += found.low <= -0.01 <= found.high
+    assert covered >= 52
