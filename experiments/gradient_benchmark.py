@@ -1,7 +1,7 @@
 """CMA-ES, gradients, and both one after the other: true cost over equal wall time, from the same start.
 
-Every method gets programs that are compiled already; how long that took is told beside the result. The jump is
-searched in its last stage at once, the full drive train without perturbations, from the task's initial guess.
+Every method gets programs that are compiled already; how long that took is told beside the result. The task is searched
+in its last stage at once, with that stage's drive train, senses and trials, from its initial guess.
 """
 
 import time

@@ -101,7 +101,7 @@ def foot_forces(contact_force: Array) -> Array:
     return jnp.sqrt((contact_force**2).sum(-1) + TINY)
 
 
-def smooth_task(task: SquatJumpTask, widths: Widths) -> SmoothSquatJump:
+def smooth_jump_task(task: SquatJumpTask, widths: Widths) -> SmoothSquatJump:
     """The smooth counterpart of a squat jump."""
     ticks = min(task.ticks, round(HORIZON / task.period))
     return SmoothSquatJump(task.name, ticks, task.period, task.settings, task.weights, widths)

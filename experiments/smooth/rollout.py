@@ -17,7 +17,6 @@ import numpy as np
 
 from experiments.batch import batched
 from experiments.effects.effect import Effect
-from experiments.errors import UserError
 from experiments.evaluation import Evaluation, Members
 from experiments.model import Model
 from experiments.plant import PlantParams, make_plant
@@ -25,7 +24,8 @@ from experiments.rollout import Rollout, Score
 from experiments.sensing import DirectSensing
 from experiments.smooth.contact import COMPLIANCE, smooth_contacts
 from experiments.smooth.drive import smooth_drive
-from experiments.smooth.jump_task import foot_forces, smooth_task
+from experiments.smooth.gait_task import smooth_gait_task
+from experiments.smooth.jump_task import foot_forces, smooth_jump_task
 from experiments.smooth.laws import WIDTHS, Widths
 from experiments.tasks.definition import TaskDefinition
 from experiments.tasks.registry import make_task
@@ -46,18 +46,20 @@ class SmoothSensing(DirectSensing):
 def smooth_rollout(
     model: Model, definition: TaskDefinition, library: Mapping[str, Effect], widths: Widths = WIDTHS
 ) -> Rollout:
-    """The closed loop of a task with every law rounded; UserError for a task whose controller has no smooth form."""
+    """The closed loop of a task with every law rounded."""
     task = make_task(definition, model)
-    if not isinstance(task, SquatJumpTask):
-        raise UserError(f"Task {definition.task} has no smooth form; gradients are there for squat_jump.")
     plant = make_plant(model, "full", dict(library))
+    if isinstance(task, SquatJumpTask):
+        smooth_task = smooth_jump_task(task, widths)
+    else:
+        smooth_task = smooth_gait_task(Rollout(plant, task, DirectSensing()), widths)
     plant = replace(
         plant,
         drive_step=smooth_drive(widths),
         bodies=replace(plant.bodies, contacts=smooth_contacts(widths)),
         params=on_soft_ground(plant.params),
     )
-    return Rollout(plant, smooth_task(task, widths), SmoothSensing())
+    return Rollout(plant, smooth_task, SmoothSensing())
 
 
 def on_soft_ground(params: PlantParams) -> PlantParams:
@@ -98,7 +100,7 @@ class SmoothEvaluation(Evaluation):
             trial = Trial(member.numbers, noise, member.noise_start)
             return cost_and_slope(rollout, params, settings, member.values, trial)[1]
 
-        return batched(one, self.mesh, self.chunk)
+        return batched(one, self.mesh, self.members_per_chunk)
 
     def slopes(self, members: Members, torque_limit: float = 1.0) -> np.ndarray:
         """(N, n) cost per unit of each parameter."""

@@ -3,19 +3,16 @@
 What the controller of `controller_jax.squat_jump` decides when the last foot leaves the ground, here happens in the
 share by which that has happened: `flown` rises from 0 to 1 over the ticks in which the feet lose their load, and the
 take-off's time, height and speed are means weighted by that rise. The crouch ends at a fixed time, which no parameter
-moves. The quadratic program of the forces is solved by ADMM alone, with rounded limits: its polish goes from one set
-of active limits to another.
+moves.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-from controller_jax.force_admm import admm
 from controller_jax.force_distribution import DistributionState, init_distribution
-from controller_jax.force_problem import SupportLegs, force_problem
+from controller_jax.force_problem import SupportLegs
 from controller_jax.joint_torques import joint_torques, weight_torque
 from controller_jax.leg_kinematics import inverse_kinematics, leg_kinematics
 from controller_jax.periodic_splines import Curve
@@ -26,11 +23,11 @@ from controller_jax.torso_motion import TorsoTarget
 from controller_jax.types import JointTargets, RobotState
 from controller_jax.virtual_model import Gains, Integrals, init_integrals, virtual_model
 from experiments.sensing import CONTACT_FORCE
-from experiments.smooth.laws import Widths, any_of, clip, shrink_to, softplus, step
+from experiments.smooth.forces import smooth_forces, tangential
+from experiments.smooth.laws import Widths, any_of, clip, softplus, step
 
 Array = jax.Array
 
-ITERATIONS = 10  # of the ADMM, warm-started
 LEAST_SHARE = 1e-3  # of a take-off that has hardly begun: keeps its weighted means finite
 UP = (0.0, 0.0, 1.0)
 
@@ -95,7 +92,7 @@ def control(
     R_CB = mm(R_WC.T, robot.R_WB)
     weight = weight_torque(geometry, legs, robot.R_WB)
     support = SupportLegs(mv(R_CB[None], legs.r_BF_B), mm(R_CB[None], legs.J_BF_B), weight, jnp.ones(4))
-    distribution = _forces(widths, settings, state.distribution, support, wrench)
+    distribution = smooth_forces(widths, settings.distribution, state.distribution, support, wrench)
     force = distribution.force
     torque = joint_torques(force, support.J_BF_C, weight)
 
@@ -107,8 +104,7 @@ def control(
         position_mode=jnp.full(12, 1.0) * flown,
     )
     got = jnp.concatenate([force.sum(0), cross(support.r_BF_C, force).sum(0)])
-    tangential = jnp.sqrt(force[:, 0] ** 2 + force[:, 1] ** 2 + 1e-12)
-    cone_use = (1.0 - flown) * tangential / (settings.distribution.friction * force[:, 2])
+    cone_use = (1.0 - flown) * tangential(force) / (settings.distribution.friction * force[:, 2])
     info = SmoothJumpInfo(flown, state.touched, (got - wrench) * (1.0 - flown), cone_use)
     return state._replace(integrals=integrals, distribution=distribution), targets, info
 
@@ -167,17 +163,3 @@ def _foot_below_hip(settings: SquatJumpSettings, params: SquatJumpParams, take_o
     fall = softplus(entry[0] - params.foot_knots[2] - settings.geometry.foot_radius, 1e-3)
     duration = (rate + jnp.sqrt(rate * rate + 2.0 * g * fall + 1e-6)) / g
     return quintic_spline(params.foot_knots, duration, softplus(time - start, 1e-3), "rest", "rest").value
-
-
-def _forces(
-    widths: Widths, settings: SquatJumpSettings, state: DistributionState, legs: SupportLegs, wrench: Array
-) -> DistributionState:
-    """Forces (4, 3) for a wrench (6,), at last pushed up to the least load and into the cone; the next warm start."""
-    least, friction = settings.distribution.minimal_normal, settings.distribution.friction
-    problem = force_problem(settings.distribution, legs, wrench)
-    rounded = partial(clip, width=widths.force)
-    force, multiplier = admm(problem, state.force, state.multiplier, ITERATIONS, rounded)
-    normal = least + softplus(force[:, 2] - least, widths.force)
-    tangential = jnp.sqrt(force[:, 0] ** 2 + force[:, 1] ** 2 + 1e-12)
-    inside = shrink_to(tangential, friction * normal)
-    return DistributionState(jnp.stack([inside * force[:, 0], inside * force[:, 1], normal], -1), multiplier)

@@ -1,15 +1,21 @@
-"""Smooth laws against the hard ones and against finite differences; the slope of the whole smooth jump."""
+"""Smooth laws against the hard ones and against finite differences; the slope of a whole smooth rollout."""
+
+import dataclasses
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import experiments
 from experiments.effects import LIBRARY
 from experiments.model import nominal_model
+from experiments.parameter_file import read_parameters
 from experiments.rollout import Rollout
 from experiments.smooth.contact import smooth_contacts
 from experiments.smooth.drive import smooth_drive
+from experiments.smooth.gait_task import SmoothGait
 from experiments.smooth.laws import WIDTHS, Widths, clip, shrink_to, softplus
 from experiments.smooth.rollout import cost_and_slope, smooth_rollout
 from experiments.tasks.definition import load_task
@@ -117,28 +123,65 @@ def test_rounded_laws() -> None:
     assert np.isfinite(slope)
 
 
-@pytest.mark.slow
-def test_the_slope_of_the_whole_jump_is_that_of_its_differences(float64) -> None:
-    """Over all of the smooth rollout's ticks, for a poor jump and a good one."""
-    definition = load_task("squat_jump")
-    loop = smooth_rollout(nominal_model(), definition, LIBRARY)
-    kind = type(loop.task)
+def example(task: str) -> np.ndarray:
+    """Values (n,) of a motion that was found."""
+    if task == "squat_jump":
+        return np.array(JUMP)
+    file = read_parameters(Path(experiments.__file__).parent / "examples" / f"{task}.json", allow_ungated=True)
+    return load_task(task).space().vector(file.values())
 
-    class InFloat64(kind):
+
+def in_float64(task, **changes):
+    """A task whose numbers are in float64."""
+
+    class InFloat64(type(task)):
         def start(self, *arguments):
             return wide(super().start(*arguments))
 
-    task = loop.task
-    task = InFloat64(task.name, task.ticks, task.period, wide(task.settings), task.weights, task.widths)
-    params, loop = wide(loop.plant.params), Rollout(loop.plant, task, loop.sensing)
-    scale = definition.space().scale
-    points = jnp.asarray(np.stack([definition.space().initial, JUMP]), jnp.float64)
-    slopes = jax.jit(jax.vmap(lambda v: cost_and_slope(loop, params, task.settings, v, nominal_trial())[1]))(points)
-    cost = jax.jit(jax.vmap(lambda v: loop.score(params, task.settings, v, nominal_trial()).cost))
-    for point, slope in zip(points, slopes, strict=True):
-        there = jnp.diag(jnp.asarray(scale)) * STEP
-        both = cost(jnp.concatenate([point + there, point - there]))
-        differences = (both[:13] - both[13:]) / (2 * STEP)
-        error = np.linalg.norm(slope * scale - differences) / np.linalg.norm(differences)
+    fields = {field.name: getattr(task, field.name) for field in dataclasses.fields(task)}
+    return InFloat64(**fields | {"settings": wide(task.settings)} | changes)
+
+
+def started_at(task, point):
+    """A gait that starts its stride where it would with the values `point`: its slope holds that state."""
+    if not isinstance(task, SmoothGait):
+        return task
+    state = task.start
+    held = dataclasses.replace(task)
+    object.__setattr__(
+        held, "start", lambda plant, params, settings, _, trial: state(plant, params, settings, point, trial)
+    )
+    return held
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", ["squat_jump", "walking_trot"])
+def test_the_slope_of_a_whole_rollout_is_that_of_its_differences(task: str, float64) -> None:
+    """Over all of the smooth rollout's ticks, for the initial guess and a motion that was found."""
+    definition = load_task(task)
+    loop = smooth_rollout(nominal_model(), definition, LIBRARY)
+    changes = {}
+    if isinstance(loop.task, SmoothGait):
+        before = loop.task.before
+        changes["before"] = Rollout(before.plant, in_float64(before.task), before.sensing)
+    motion, params, space = in_float64(loop.task, **changes), wide(loop.plant.params), definition.space()
+
+    def cost(values, start):
+        held = Rollout(loop.plant, started_at(motion, start), loop.sensing)
+        return held.score(params, motion.settings, values, nominal_trial()).cost
+
+    def slope(values):
+        return cost_and_slope(
+            Rollout(loop.plant, motion, loop.sensing), params, motion.settings, values, nominal_trial()
+        )[1]
+
+    points = jnp.asarray(np.stack([space.initial, example(task)]), jnp.float64)
+    slopes = jax.jit(jax.vmap(slope))(points)
+    costs = jax.jit(jax.vmap(cost, in_axes=(0, None)))
+    for point, exact in zip(points, slopes, strict=True):
+        there = jnp.diag(jnp.asarray(space.scale)) * STEP
+        both = costs(jnp.concatenate([point + there, point - there]), point)
+        differences = (both[: space.size] - both[space.size :]) / (2 * STEP)
+        error = np.linalg.norm(exact * space.scale - differences) / np.linalg.norm(differences)
+        print(f"{task}: relative error {error:.1e}, slope {np.linalg.norm(differences):.2f} per range")
         assert error < SLOPE_ERROR
-        print(f"relative error {error:.1e}, slope {np.linalg.norm(differences):.2f} per range")
