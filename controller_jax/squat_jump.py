@@ -108,6 +108,7 @@ def default_settings(geometry: LegGeometry, control_period: float = 2.5e-3) -> S
             torque_i=vector(200.0, 100.0, 0.0),
             torque_d=vector(6.0, 9.0, 50.0),
             mass=mass,
+            inertia=vector(0.0, 0.0, 0.0),
         )
 
     return SquatJumpSettings(
@@ -287,6 +288,7 @@ def _torso_target(
         a_WB=height.curvature * up,
         R_WB=control_frame(robot.R_WB, up),
         omega_W=jnp.zeros(3),
+        alpha_W=jnp.zeros(3),
     )
 
 

@@ -23,6 +23,7 @@ class SwingParams(NamedTuple):
     """Shape of the swing."""
 
     apex_height: Array  # () of the sole above the ground, m
+    landing_height: Array  # () the same at the planned touch-down, m; what is left the leg seeks at its own speed
     heading_end: Array  # () swing phase at which the foot is over its foothold along the heading
     lateral_start: Array  # () swing phase at which sideways motion begins
     lateral_end: Array  # () and ends
@@ -60,7 +61,7 @@ def swing_motion(
     which the horizontal motion follows; clearance (4,) m on top of the apex.
     """
     height_now = ((lift_off_W - plane.point_W[None]) * plane.normal_W[None]).sum(-1)
-    height_end = ((foothold_W - plane.point_W[None]) * plane.normal_W[None]).sum(-1)
+    height_end = ((foothold_W - plane.point_W[None]) * plane.normal_W[None]).sum(-1) + params.landing_height
     top = jnp.maximum(height_now, height_end) + params.apex_height + clearance
     heading, heading_rate = ease(progress / params.heading_end)
     window = params.lateral_end - params.lateral_start

@@ -32,6 +32,7 @@ class TorsoParams(NamedTuple):
     stance_fade: Array  # () stance phase from which a leg's weight falls
     swing_rise: Array  # () swing phase from which it rises again
     girdle_distance: Array  # () between fore and hind hips, m
+    slope_share: Array  # (2,) roll, pitch: share of the slope that the torso turns with, 1 aligned, 0 level
 
 
 class TorsoTarget(NamedTuple):
@@ -42,6 +43,7 @@ class TorsoTarget(NamedTuple):
     a_WB: Array  # (3,) m/s^2
     R_WB: Array  # (3, 3)
     omega_W: Array  # (3,) rad/s
+    alpha_W: Array  # (3,) rad/s^2
 
 
 def foot_weights(params: TorsoParams, phases: LegPhases) -> Array:
@@ -110,15 +112,23 @@ def torso_target(
     height = height_at(plane, r_WB) + params.height + heights.value.mean()
     rise = (heights.value[1] - heights.value[0]) / params.girdle_distance
     rise_rate = (heights.slope[1] - heights.slope[0]) / params.girdle_distance
-    pitch, pitch_rate = jnp.arctan(rise), rise_rate / (1.0 + rise * rise)
+    rise_acceleration = (heights.curvature[1] - heights.curvature[0]) / params.girdle_distance
+    square = 1.0 + rise * rise
+    pitch, pitch_rate = jnp.arctan(rise), rise_rate / square
+    pitch_acceleration = rise_acceleration / square - 2.0 * rise * pitch_rate**2
+    # legs hang down from the hips: what the torso turns with a slope, HAA and HFE must take back within their stops
+    ahead, left = jnp.arcsin(jnp.clip(R_WC[2, 0], -1.0, 1.0)), jnp.arcsin(jnp.clip(R_WC[2, 1], -1.0, 1.0))
+    level = 1.0 - params.slope_share
     zero = jnp.zeros_like(pitch)
     lead = 1.0 + params.speed_lead
     v_C = jnp.stack([lead[0] * command.heading, lead[1] * command.lateral, zero])
     omega_C = jnp.stack([zero, pitch_rate, command.turning])
+    alpha_C = jnp.stack([zero, pitch_acceleration, zero])
     return TorsoTarget(
         r_WB=jnp.stack([support[0], support[1], height]),
         v_WB=mv(R_WC, v_C) + heights.slope.mean() * up,
         a_WB=heights.curvature.mean() * up,
-        R_WB=mm(R_WC, rotation_axis(pitch, 1)),
+        R_WB=mm(R_WC, mm(rotation_axis(-level[0] * left, 0), rotation_axis(pitch + level[1] * ahead, 1))),
         omega_W=mv(R_WC, omega_C),
+        alpha_W=mv(R_WC, alpha_C),
     )

@@ -20,6 +20,7 @@ class Gains(NamedTuple):
     torque_i: Array  # (3,) N m/(rad s)
     torque_d: Array  # (3,) N m s/rad
     mass: Array  # () that the desired acceleration is fed forward with, kg; eq. 5: the torso's
+    inertia: Array  # (3,) that the desired angular acceleration is fed forward with, kg m^2; eq. 5: none
 
 
 class IntegralLimits(NamedTuple):
@@ -68,6 +69,7 @@ def virtual_model(
     force = gains.force_p * position_error + integrals.force + gains.force_d * velocity_error
     force = force + gains.mass * mtv(R_WC, target.a_WB) - weight
     torque = gains.torque_p * rotation_error + integrals.torque + gains.torque_d * rate_error - weight_moment
+    torque = torque + gains.inertia * mtv(R_WC, target.alpha_W)
     return integrals, jnp.concatenate([force, torque])
 
 

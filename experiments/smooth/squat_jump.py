@@ -146,6 +146,7 @@ def _torso_target(
         a_WB=height.curvature * up,
         R_WB=control_frame(robot.R_WB, up),
         omega_W=jnp.zeros(3),
+        alpha_W=jnp.zeros(3),
     )
 
 

@@ -22,7 +22,7 @@ VECTORS: Final[Mapping[str, int]] = MappingProxyType(
     dict.fromkeys((f"gains.{kind}_{gain}" for kind in ("force", "torque") for gain in "pid"), 3)
     | dict.fromkeys(("torso.once_per_cycle", "torso.twice_per_cycle", "torso.speed_lead"), 2)
     | dict.fromkeys(("foothold.heading_offset", "foothold.lateral_offset"), 2)
-    | {"distribution.wrench_weight": 6, "swing.position_lead": 3}
+    | {"distribution.wrench_weight": 6, "swing.position_lead": 3, "gains.inertia": 3, "torso.slope_share": 2}
 )
 
 Array = jax.Array
@@ -49,6 +49,7 @@ PARAMETERS: Final[Mapping[str, tuple[tuple[str | int, ...], ...]]] = MappingProx
         "hop_pitch": (("torso", "hop_pitch"),),
         "heading_lead": (("torso", "speed_lead", 0),),
         "swing_apex": (("swing", "apex_height"),),
+        "landing_height": (("swing", "landing_height"),),
         "balance_feedback": (("foothold", "feedback"),),
         "speed_feed_forward": (("foothold", "feed_forward"),),
         "fore_heading_offset": (("foothold", "heading_offset", 0),),

@@ -21,7 +21,7 @@ DURATION, LATE = 0.4, 0.2  # s, and the phase at which the feet really left the 
 
 def params(**changes):
     values = dict(
-        apex_height=0.09, heading_end=0.6, lateral_start=0.3, lateral_end=0.8,
+        apex_height=0.09, landing_height=0.0, heading_end=0.6, lateral_start=0.3, lateral_end=0.8,
         position_lead=[0.0, 0.0, 0.0], joint_speed_limit=10.0,
     ) | changes  # fmt: skip
     return swing_leg.SwingParams(**{k: jnp.asarray(v, jnp.float32) for k, v in values.items()})
@@ -81,6 +81,12 @@ def test_foot_is_at_rest_at_both_ends_and_obstacle_clearance_raises_the_apex():
     assert np.abs(v).max() < 1e-5
     low, high = trace(params(), [0.5])[0], trace(params(), [0.5], clearance=0.05)[0]
     np.testing.assert_allclose(high - low, np.broadcast_to([0, 0, 0.05], (1, 4, 3)), atol=TOLERANCE)
+
+
+def test_foot_ends_above_the_ground_by_the_landing_height():
+    low, high = (trace(params(landing_height=h), [0.3, 1.0])[0] for h in (0.0, 0.01))
+    np.testing.assert_allclose((high - low)[1], np.broadcast_to([0, 0, 0.01], (4, 3)), atol=TOLERANCE)
+    assert np.abs(trace(params(landing_height=0.01), [0.0, 1.0])[1]).max() < 1e-5
 
 
 def robot(seed):

@@ -20,6 +20,7 @@ def params(**changes):
     values = dict(
         height=0.44, once_per_cycle=[0.0, 0.0], twice_per_cycle=[0.0, 0.0], phase_shift=0.0, hop=1.0,
         hop_pitch=0.0, speed_lead=[0.0, 0.0], lowest_weight=0.15, stance_fade=0.7, swing_rise=0.7, girdle_distance=0.505,
+        slope_share=[1.0, 1.0],
     ) | changes  # fmt: skip
     return torso.TorsoParams(**{k: jnp.asarray(v, jnp.float32) for k, v in values.items()})
 
@@ -130,11 +131,11 @@ def test_velocity_and_acceleration_are_the_derivatives_of_the_height():
     grid = np.arange(0, 1, 1 / 256)
     targets = [run(jnp.float32(x)) for x in grid]
     pitch = np.array([np.arctan2(-float(t.R_WB[2, 0]), float(t.R_WB[0, 0])) for t in targets])
-    height, speed, rate, acceleration = (
+    height, speed, rate, acceleration, pitch_acceleration = (
         np.array([float(x) for x in values])
         for values in (
             [t.r_WB[2] for t in targets], [t.v_WB[2] for t in targets],
-            [t.omega_W[1] for t in targets], [t.a_WB[2] for t in targets],
+            [t.omega_W[1] for t in targets], [t.a_WB[2] for t in targets], [t.alpha_W[1] for t in targets],
         )
     )  # fmt: skip
     ends = np.append(grid, 1.0) * T
@@ -142,6 +143,8 @@ def test_velocity_and_acceleration_are_the_derivatives_of_the_height():
     np.testing.assert_allclose(of(height)(ends[:-1], 1), speed, atol=0.01 * np.abs(speed).max())
     np.testing.assert_allclose(of(pitch)(ends[:-1], 1), rate, atol=0.01 * np.abs(rate).max())
     np.testing.assert_allclose(of(speed)(ends[:-1], 1), acceleration, atol=0.06 * np.abs(acceleration).max())
+    turning = np.abs(pitch_acceleration).max()
+    np.testing.assert_allclose(of(rate)(ends[:-1], 1), pitch_acceleration, atol=0.06 * turning)
 
 
 def test_bound_pitches_nose_down_when_the_hind_hips_are_high():
@@ -179,3 +182,20 @@ def test_slope_tilts_the_torso_and_height_counts_along_gravity():
     assert float(t.r_WB[2]) == pytest.approx(0.44 + 0.1 * np.tan(slope), abs=1e-5)
     np.testing.assert_allclose(t.v_WB, R_WC @ [0.4 * 1.4, 0.1, 0], atol=1e-5)
     np.testing.assert_allclose(t.omega_W, 0.2 * normal, atol=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_torso_turns_with_a_share_of_the_slope(axis, share):
+    """Ahead (0) or to the left (1) the ground rises: so does that axis of the torso by the share, the other stays level."""
+    slope, up = 0.35, np.array([0.0, 0.0, 1.0])
+    rises, flat = np.eye(3)[axis], np.eye(3)[1 - axis]
+    R_WC = np.eye(3)
+    R_WC[:, axis] = np.cos(slope) * rises + np.sin(slope) * up
+    R_WC[:, 2] = np.cos(slope) * up - np.sin(slope) * rises
+    plane = Plane(jnp.asarray(R_WC[:, 2], jnp.float32), jnp.zeros(3))
+    shares = [share, 0.5] if axis == 1 else [0.5, share]  # roll, pitch
+    t = target(params(hop=0.0, slope_share=shares), TROT, 0.1, FEET @ R_WC.T, plane, (0, 0, 0.44), (0, 0, 0), R_WC)
+    turned = np.cos(share * slope) * rises + np.sin(share * slope) * up
+    np.testing.assert_allclose(np.asarray(t.R_WB)[:, axis], turned, atol=1e-5)
+    np.testing.assert_allclose(np.asarray(t.R_WB)[:, 1 - axis], flat, atol=1e-5)

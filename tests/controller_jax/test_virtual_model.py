@@ -32,19 +32,19 @@ def random_state(rng: np.random.Generator) -> RobotState:
 
 def random_target(rng: np.random.Generator, state: RobotState) -> TorsoTarget:
     R = Rotation.from_rotvec(rng.normal(0, 0.4, 3)).as_matrix() @ np.asarray(state.R_WB)
-    vectors = [jnp.asarray(rng.normal(size=3), jnp.float32) for _ in range(4)]
-    return TorsoTarget(state.r_WB + 0.1 * vectors[0], vectors[1], vectors[2], jnp.asarray(R, jnp.float32), vectors[3])
+    r, v, a, omega, alpha = (jnp.asarray(rng.normal(size=3), jnp.float32) for _ in range(5))
+    return TorsoTarget(state.r_WB + 0.1 * r, v, a, jnp.asarray(R, jnp.float32), omega, alpha)
 
 
 def here(state: RobotState) -> TorsoTarget:
     """Where the torso is, moving as it moves: no error anywhere."""
     omega_W = jnp.asarray(np.asarray(state.R_WB) @ np.asarray(state.omega_B))
-    return TorsoTarget(state.r_WB, state.v_WB, jnp.zeros(3), state.R_WB, omega_W)
+    return TorsoTarget(state.r_WB, state.v_WB, jnp.zeros(3), state.R_WB, omega_W, jnp.zeros(3))
 
 
 def gains(rng: np.random.Generator) -> Gains:
     diagonals = [jnp.asarray(rng.uniform(10, 500, 3), jnp.float32) for _ in range(6)]
-    return Gains(*diagonals, mass=GEOMETRY.torso_mass)
+    return Gains(*diagonals, mass=GEOMETRY.torso_mass, inertia=jnp.asarray(rng.uniform(0.1, 2, 3), jnp.float32))
 
 
 def frame(state: RobotState) -> jnp.ndarray:
@@ -91,9 +91,9 @@ def test_wrench_is_equation_5(seed):
     e_phi = C @ Rotation.from_matrix(R_des @ R.T).as_rotvec()
     e_w = C @ (np.asarray(target.omega_W) - R @ np.asarray(state.omega_B))
     weight, moment = (np.asarray(x, float) for x in gravity_wrench(GEOMETRY, state, legs, R_WC))
-    a = C @ np.asarray(target.a_WB)
+    a, alpha = C @ np.asarray(target.a_WB), C @ np.asarray(target.alpha_W)
     force = K.force_p * e_r + K.force_i * e_r * period + K.force_d * e_v + float(K.mass) * a - weight
-    torque = K.torque_p * e_phi + K.torque_i * e_phi * period + K.torque_d * e_w - moment
+    torque = K.torque_p * e_phi + K.torque_i * e_phi * period + K.torque_d * e_w - moment + K.inertia * alpha
     np.testing.assert_allclose(wrench, np.concatenate([force, torque]), atol=FORCE_ROUNDING)
     np.testing.assert_allclose(integrals.force, K.force_i * e_r * period, atol=1e-4)
 
