@@ -87,7 +87,8 @@ def _one(plan: Plan, motion: Motion, model: Model, trials: GaitTrials, say: Call
         "speed_commanded": round(float(found.command.heading), 4),
         "speed_reached": _mean(unseen.speed[:, 0], unseen.survived),
         "flight_fraction": _mean(unseen.flight_fraction, unseen.survived),
-        "flight_duration": _mean(unseen.flights, unseen.survived),
+        "flight_duration": _mean(unseen.flight_duration, unseen.survived),
+        "flights_per_stride": _mean(unseen.flights * stride, unseen.survived),
         "nominal_speed": round(float(alone.speed[0, 0]), 4),
         "sweeps": [_curve(s, o, plan.sweep_trials) for s, o in zip(SWEEPS, outcomes[3:], strict=False)],
     }

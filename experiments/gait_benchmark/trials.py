@@ -24,6 +24,7 @@ from experiments.trial import Trial, noise_table
 Array = jax.Array
 
 SEGMENT = 400  # ticks, one second
+SHORTEST_FLIGHT = 0.02  # s
 CHUNK = 16  # trials of one device in one program (experiments.batch)
 
 
@@ -44,7 +45,8 @@ class Outcome(NamedTuple):
 
     tally: GaitTally  # (N,) each
     survived: np.ndarray  # (N,) 1.0 without a fall
-    flights: np.ndarray  # (N,) mean duration of a flight phase after settling, s; NaN where there is none
+    flights: np.ndarray  # (N,) flight phases a second, after settling
+    flight_duration: np.ndarray  # (N,) their mean duration, s; NaN where there is none
 
     @property
     def speed(self) -> np.ndarray:
@@ -80,11 +82,16 @@ class GaitTrials:
     """The compiled program; `run` takes any number of trials of any gaits of one robot."""
 
     def __init__(
-        self, model: Model, definition: TaskDefinition, devices: int | None = None, chunk: int = CHUNK
+        self,
+        model: Model,
+        definition: TaskDefinition,
+        devices: int | None = None,
+        drive: str = "full",
+        chunk: int = CHUNK,
     ) -> None:
         task = make_task(definition, model)
         free = GaitTask("any gait", (), SEGMENT, task.period, task.settings, task.weights)
-        self.rollout = Rollout(make_plant(model, "full"), free, make_sensing("estimated", model))
+        self.rollout = Rollout(make_plant(model, drive), free, make_sensing("estimated", model))
         self.mesh = local_mesh(devices)
         self.chunk = chunk_on(self.mesh, chunk)
 
@@ -110,7 +117,7 @@ class GaitTrials:
                 on = observed.time < case.duration  # afterwards nothing counts any more
                 tally = jax.tree.map(lambda new, old: jnp.where(on, new, old), after[3], carry[3])
                 aloft = 1.0 - contact_flags(observed.after).max()
-                return (*after[:3], tally, after[4]), aloft * on
+                return (*after[:3], tally, after[4]), jnp.where(on, aloft, 0.0)
 
             return jax.lax.scan(tick, carry, first + jnp.arange(SEGMENT))
 
@@ -121,23 +128,35 @@ class GaitTrials:
         noise = np.asarray(noise_table())
         carry = self._begin(noise, todo)
         settled, period = self.rollout.task.settled, self.rollout.task.period
-        time, count = np.zeros(len(todo)), np.zeros(len(todo))
-        last = np.zeros(len(todo))
-        for second in range(int(np.ceil(todo.duration.max() / (SEGMENT * period) - 1e-6))):
+        seconds = int(np.ceil(todo.duration.max() / (SEGMENT * period) - 1e-6))
+        aloft = np.zeros((len(todo), seconds * SEGMENT), bool)
+        for second in range(seconds):
             fallen = (carry[3].fallen > 0) | (carry[4] == 0)
             here = np.flatnonzero(~fallen & (todo.duration > second * SEGMENT * period))
             if not len(here):
                 break
             part, now = jax.tree.map(lambda x, here=here: x[here], (todo, carry))
-            now, aloft = self._go_on((noise, np.int32(second * SEGMENT)), (part, now))
+            now, off = self._go_on((noise, np.int32(second * SEGMENT)), (part, now))
             carry = jax.tree.map(lambda whole, new, here=here: _put(whole, here, new), carry, now)
-            late = aloft * ((second * SEGMENT + np.arange(SEGMENT)) * period >= settled)
-            time[here] += late.sum(1) * period
-            count[here] += (np.diff(np.concatenate([last[here, None], late], 1), axis=1) > 0).sum(1)
-            last[here] = late[:, -1]
+            aloft[here, second * SEGMENT : (second + 1) * SEGMENT] = off > 0
         survived = 1.0 - np.maximum(carry[3].fallen, 1.0 - carry[4])
-        flights = np.where(count > 0, time / np.maximum(count, 1), np.nan)
-        return Outcome(carry[3], survived, flights)
+        count, duration = flight_phases(aloft[:, round(settled / period) :], period)
+        return Outcome(carry[3], survived, count / np.maximum(carry[3].time, period), duration)
+
+
+def flight_phases(aloft: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Number and mean duration (N,) s of the flights in aloft (N, ticks of `period` s); NaN where there is none.
+
+    A flicker of the contact flags, shorter than SHORTEST_FLIGHT, is no flight.
+    """
+    count, duration = np.zeros(len(aloft)), np.full(len(aloft), np.nan)
+    for n, row in enumerate(np.pad(aloft.astype(int), ((0, 0), (1, 1)))):
+        start, end = np.flatnonzero(np.diff(row)).reshape(-1, 2).T
+        lasts = period * (end - start)
+        lasts = lasts[lasts >= SHORTEST_FLIGHT]
+        if len(lasts):
+            count[n], duration[n] = len(lasts), lasts.mean()
+    return count, duration
 
 
 def _put(whole: np.ndarray, here: np.ndarray, new: np.ndarray) -> np.ndarray:

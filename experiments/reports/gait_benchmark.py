@@ -72,6 +72,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
         "reached",
         "in the air",
         "a flight lasts [s]",
+        "flights a stride",
         "in MuJoCo C",
     ]
     cells = []
@@ -80,8 +81,8 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
         there = "not run"
         if other is not None:
             there = f"{percent(other['speed_ratio'])} of the speed" if other["survived"] else "falls"
-        figures = (row["speed_reached"], row["flight_fraction"], row["flight_duration"])
-        reached, aloft, flight = (float("nan") if x is None else x for x in figures)
+        figures = (row[key] for key in ("speed_reached", "flight_fraction", "flight_duration", "flights_per_stride"))
+        reached, aloft, flight, often = (float("nan") if x is None else x for x in figures)
         in_air = percent(aloft) if aloft == aloft else number(aloft)
         commanded = number(row["speed_commanded"], 2)
         cells.append(
@@ -92,6 +93,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
                 number(reached, 2),
                 in_air,
                 number(flight, 2),
+                number(often, 1),
                 there,
             ]
         )
@@ -99,7 +101,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
         "Means over the unseen trials that do not fall: full drive train, estimated state, pushes, unknown ground, "
         "noise and a robot that is a little off. MuJoCo C: the same controller and drives on its own contact, undisturbed."
     )
-    return Table(header, cells, caption, numeric=(1, 2, 3, 4, 5))
+    return Table(header, cells, caption, numeric=(1, 2, 3, 4, 5, 6))
 
 
 def _curves(rows: Sequence[dict[str, Any]]) -> list[Block]:

@@ -13,20 +13,16 @@ from experiments.batch import device_mesh
 from experiments.effects import LIBRARY
 from experiments.errors import UserError
 from experiments.evaluation import Evaluation, crossed
-from experiments.imu_sensing import make_sensing
 from experiments.model import nominal_model
 from experiments.parameter_file import Metric, now, parameter, read_parameters, write_parameters
 from experiments.perturbations import parse_perturbations
-from experiments.plant import make_plant
 from experiments.recording import gait_record
 from experiments.replay import load_motion, replay
 from experiments.reports.gait import last_strides, stride_duration, write_gait_report
 from experiments.reports.gait_figures import over_strides, stretches
-from experiments.rollout import Rollout
 from experiments.tasks.definition import load_task
 from experiments.tasks.gait_parameters import PARAMETERS, controller_from_settings, with_values
 from experiments.tasks.registry import GAITS, make_task, metric_units
-from experiments.trial import Trial, noise_table
 
 MODEL = nominal_model()
 FOUND = resources.files("experiments") / "examples"
@@ -87,19 +83,6 @@ def test_a_wrong_task_file_is_one_clear_sentence(change, word: str) -> None:
 
 def _merge(old, new):
     return {**old, **{k: _merge(old.get(k, {}), v) for k, v in new.items()}} if isinstance(new, dict) else new
-
-
-@pytest.fixture(scope="module")
-def trots():
-    """A trot on the ideal drive with the robot's own, noisy senses, beside a candidate that no loop survives."""
-    definition = load_task("walking_trot").model_copy(update={"duration": 4.0})
-    task = make_task(definition, MODEL)
-    rollout = Rollout(make_plant(MODEL, "ideal"), task, make_sensing("estimated", MODEL))
-    values = np.stack([definition.space().initial] * 2)
-    values[1, definition.space().names.index("vertical_damping")] = -1e6
-    noise = Trial({"sensor_noise": jnp.float32(1.0)}, noise_table(), jnp.int32(7))
-    run = jax.jit(jax.vmap(lambda v: rollout.record(rollout.plant.params, task.settings, v, noise)))
-    return definition, jax.tree.map(np.asarray, run(jnp.asarray(values)))
 
 
 def test_a_trot_keeps_its_plan_and_speed_with_its_own_senses(trots) -> None:
