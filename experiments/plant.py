@@ -114,9 +114,16 @@ class Plant:
 
         `params` comes from `prepare`.
         """
+        drive, acting = self.drives_step(params, state, inputs)
+        return joined(state, drive, self.bodies.step(params.bodies, state.bodies, acting))
+
+    def drives_step(
+        self, params: PlantParams, state: PlantState, inputs: PlantInput
+    ) -> tuple[tuple[DriveState, DriveOutput], BodyInput]:
+        """The drives' half of a period, and all that then acts on the bodies, whoever moves them."""
         numbers = params.effects
         motion = link_motion(state)
-        drive, drive_output = self.drive_step(
+        drive, output = self.drive_step(
             params.drive,
             state.drive,
             (inputs.command, inputs.measurement, motion),
@@ -125,17 +132,12 @@ class Plant:
         )
         drag, drag_damping = self._drag(numbers, motion)
         push = self.effects.apply("torso_force", numbers, jnp.zeros(3, jnp.float32), None)
-        bodies, body_output = self.bodies.step(
-            params.bodies,
-            state.bodies,
-            BodyInput(
-                joint_torque=drive_output.torque - drag,
-                joint_damping=drive_output.damping + drag_damping,
-                wrench_W=inputs.wrench_W.at[:3].add(push) if self._has("torso_force") else inputs.wrench_W,
-            ),
+        acting = BodyInput(
+            joint_torque=output.torque - drag,
+            joint_damping=output.damping + drag_damping,
+            wrench_W=inputs.wrench_W.at[:3].add(push) if self._has("torso_force") else inputs.wrench_W,
         )
-        state = PlantState(bodies, drive, drive_output.end_torque, body_output.contact_force, state.sensor_memory)
-        return state, PlantOutput(drive_output, body_output)
+        return (drive, output), acting
 
     def _has(self, hook: str) -> bool:
         return any(hook in effect.equations for effect in self.effects.effects)
@@ -152,6 +154,16 @@ class Plant:
             return self.effects.apply("joint_drag", numbers, zero, signals)
 
         return jax.jvp(drag, (motion.velocity,), (jnp.ones_like(zero),))
+
+
+def joined(
+    before: PlantState, drive: tuple[DriveState, DriveOutput], bodies: tuple[BodyState, BodyOutput]
+) -> tuple[PlantState, PlantOutput]:
+    """The plant after a period in which its two halves moved as given."""
+    (drive_state, drive_output), (body_state, body_output) = drive, bodies
+    force, memory = body_output.contact_force, before.sensor_memory
+    after = PlantState(body_state, drive_state, drive_output.end_torque, force, memory)
+    return after, PlantOutput(drive_output, body_output)
 
 
 def link_motion(state: PlantState) -> JointMotion:

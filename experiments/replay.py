@@ -60,12 +60,13 @@ def replay(
         raise UserError(f"No engine '{engine}'; choose one of {', '.join(ENGINES)}.")
     plant = make_plant(model, drive, library)
     rollout = Rollout(plant, make_task(definition, model), make_sensing(definition.stages[-1].sensing, model))
-    values = jnp.asarray(values, jnp.float32)
+    trial = plant.params, rollout.task.settings, jnp.asarray(values, jnp.float32), nominal_trial()
     if engine == "moreau":
-        run = jax.jit(rollout.record)(plant.params, rollout.task.settings, values, nominal_trial())
-    else:
-        run = run_with_engine(engine, rollout, values)
-    return jax.tree.map(np.asarray, run)
+        return jax.tree.map(np.asarray, jax.jit(rollout.record)(*trial))
+    try:
+        return run_with_engine(engine, rollout, *trial)
+    except ValueError as error:  # a ground that it does not know
+        raise UserError(str(error)) from None
 
 
 def summary(score: Score, definition: TaskDefinition, model: Model, drive: str, engine: str) -> dict[str, Any]:

@@ -62,6 +62,19 @@ class Tick(NamedTuple):
     alive: Array  # 1.0 until the rollout diverges
 
 
+class Decision(NamedTuple):
+    """What a control period begins with, before the plant moves."""
+
+    time: Array  # s, at its start
+    sensed: PlantState
+    sensing: Any  # estimator's state
+    robot: RobotState
+    controller: Any  # controller's state
+    targets: JointTargets
+    info: Any
+    inputs: PlantInput
+
+
 class Score(NamedTuple):
     """What a rollout is worth."""
 
@@ -97,20 +110,35 @@ class Rollout:
         self, params: PlantParams, settings: Any, values: Array, trial: Trial, carry: Any, k: Array
     ) -> tuple[Any, Tick]:
         """Control period k of a trial; params and carry as `begin` gave them."""
-        plant, task = self.plant, self.task
-        state, controller, sensing, tally, alive = carry
-        time = k.astype(jnp.float32) * plant.periods.control
+        decision = self.decide(params, settings, values, trial, carry, k)
+        return self.conclude(carry, decision, self.plant.step(params, decision.sensed, decision.inputs))
+
+    def decide(
+        self, params: PlantParams, settings: Any, values: Array, trial: Trial, carry: Any, k: Array
+    ) -> "Decision":
+        """Sense and control: what acts on the plant in control period k."""
+        state, controller, sensing, _, _ = carry
+        time = k.astype(jnp.float32) * self.plant.periods.control
         noise = noise_row(trial, k)
-        sensed, measurement = plant.measure(params, state)
+        sensed, measurement = self.plant.measure(params, state)
         sensing, robot, measurement = self.sensing.step(sensing, sensed, measurement, noise)
-        controller, targets, info = task.control(settings, values, controller, robot, time)
+        controller, targets, info = self.task.control(settings, values, controller, robot, time)
         command = JointCommand(targets.torque, targets.position, targets.position_mode)
-        after, output = plant.step(params, sensed, PlantInput(command, measurement, push_at(trial, time)))
+        inputs = PlantInput(command, measurement, push_at(trial, time))
+        return Decision(time, sensed, sensing, robot, controller, targets, info, inputs)
+
+    def conclude(
+        self, carry: Any, decision: "Decision", moved: tuple[PlantState, PlantOutput]
+    ) -> tuple[Any, Tick]:
+        """What the plant has come to, taken into the tally; frozen from where it diverges on."""
+        state, _, _, tally, alive = carry
+        after, output = moved
         alive = alive * _sane(after)
         after = jax.tree.map(lambda new, old: jnp.where(alive > 0, new, old), after, state)
-        observed = Tick(time, state, after, robot, measurement, targets, info, output, alive)
-        tally = jax.tree.map(lambda new, old: jnp.where(alive > 0, new, old), task.observe(tally, observed), tally)
-        return (after, controller, sensing, tally, alive), observed
+        d = decision
+        observed = Tick(d.time, state, after, d.robot, d.inputs.measurement, d.targets, d.info, output, alive)
+        tally = jax.tree.map(lambda new, old: jnp.where(alive > 0, new, old), self.task.observe(tally, observed), tally)
+        return (after, d.controller, d.sensing, tally, alive), observed
 
     def _run(
         self, params: PlantParams, settings: Any, values: Array, trial: Trial, keep: Callable[[Tick], Any]

@@ -4,7 +4,8 @@ Everything is NumPy, one environment, and not pure: the engine owns an MjData. I
 BodyState and BodyInput as Moreau's step and gives the same BodyOutput.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import mujoco
 import numpy as np
@@ -17,6 +18,7 @@ from mjx_starleth.terrain import ground_contact
 
 # (time since the period's start, joint positions (12,), joint velocities (12,)) -> joint torques (12,)
 JointTorque = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
+BAD_STATE = [int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{what}")) for what in ("QPOS", "QVEL", "QACC")]
 
 
 class MujocoC:
@@ -47,8 +49,12 @@ class MujocoC:
     def step(
         self, state: BodyState, input: BodyInput, torque: JointTorque | None = None
     ) -> tuple[BodyState, BodyOutput]:
-        """One period. With `torque`, that function is asked in every substep and input.joint_torque only adds to it."""
+        """One period. With `torque`, that function is asked in every substep and input.joint_torque only adds to it.
+
+        The new state is NaN where MuJoCo has given up: it then starts again from its own rest pose.
+        """
         m, d = self.model, self.data
+        d.warning.number[:] = 0
         d.qpos[:], d.qvel[:] = state.q, state.u
         start = d.qvel[6:].copy()
         held = np.asarray(input.joint_torque, float)
@@ -65,9 +71,12 @@ class MujocoC:
                 self._push_torso(np.asarray(input.wrench_W, float))
             if self.params.terrain.patch_friction.shape[0]:
                 self._set_friction()
-            mujoco.mj_step(m, d)
+            with _without_log_file():
+                mujoco.mj_step(m, d)
             force += self._foot_forces()
         force /= self.substeps
+        if d.warning.number[BAD_STATE].any():
+            d.qpos[:], d.qvel[:] = np.nan, np.nan
         new = BodyState(d.qpos.astype(np.float32), d.qvel.astype(np.float32), np.float32(force * self.period))
         return new, self._output(force, (d.qvel[6:] - start) / self.period)
 
@@ -133,3 +142,14 @@ class MujocoC:
             slip_velocity=np.float32(velocity - np.cross(turning, radius * normal)),
             joint_acceleration=np.float32(joint_acceleration),
         )
+
+
+@contextmanager
+def _without_log_file() -> Iterator[None]:
+    """MuJoCo tells of a diverging step by a line on stderr and a file in the working directory."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
