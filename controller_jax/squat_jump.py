@@ -80,6 +80,7 @@ class SquatJumpInfo(NamedTuple):
     """What cost and report look at."""
 
     phase: Array  # ()
+    settled: Array  # () 1.0 where the torso's height is held: in the crouch, and when it stands again
     height: Array  # () torso above ground, m
     desired_height: Array  # () m
     support: Array  # (4,) 1.0 for a force-controlled leg
@@ -174,7 +175,8 @@ def step(
     R_WC = control_frame(robot.R_WB, jnp.array([0.0, 0.0, 1.0]))
     gains = _gains(settings, params, state)
     settled = (state.phase == CROUCH) | ((state.phase == LANDING) & (elapsed > settings.rise_time))
-    learning = settings.control_period * settled.astype(jnp.float32)
+    settled = settled.astype(jnp.float32)
+    learning = settings.control_period * settled
     integrals, wrench = virtual_model(
         gains, settings.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, learning
     )
@@ -198,6 +200,7 @@ def step(
     tangential = jnp.sqrt(forces.force[:, 0] ** 2 + forces.force[:, 1] ** 2 + 1e-12)
     info = SquatJumpInfo(
         phase=state.phase,
+        settled=settled,
         height=robot.r_WB[2] - state.ground,
         desired_height=height.value,
         support=support,

@@ -20,7 +20,7 @@ class LegGeometry(NamedTuple):
     link_mass: Array  # (3,) hip, thigh, shank, kg
     link_com: Array  # (3,) distance of the link's centre of mass below its joint, m
     knee_sign: Array  # (4,) sign of KFE: -1 fore, +1 hind (X configuration)
-    position_limits: Array  # (12, 2) rad
+    position_limits: Array  # (12, 2) rad, the joints' ranges less the software margin
     torque_limits: Array  # (12, 2) N m
     gravity: Array  # () m/s^2
 

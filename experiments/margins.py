@@ -27,7 +27,7 @@ MARGIN_UNITS = {
 class Limits(NamedTuple):
     """The nominal robot's limits, (12,) each: a weak battery or another motor does not move the yardstick."""
 
-    position: Array  # (12, 2) rad
+    position: Array  # (12, 2) rad, the mechanical stops
     torque: Array  # N m, of the stronger side
     speed: Array  # rad/s, gear output side
     current: Array  # A
@@ -116,7 +116,7 @@ def with_margins(task: Task, plant: Plant) -> WithMargins:
     """The task watched against the limits of the plant's nominal numbers."""
     drive, geometry = plant.params.drive, task.settings.geometry
     limits = Limits(
-        position=jnp.asarray(geometry.position_limits),
+        position=jnp.asarray(plant.params.bodies.joint_stop),
         torque=np.abs(geometry.torque_limits).max(1),
         speed=drive.speed_limit,
         current=drive.current_limit,

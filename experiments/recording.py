@@ -7,18 +7,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from experiments.files import write_bytes
-from experiments.reports.recording import GaitRecord, JumpRecord, Recording
+from experiments.reports.recording import JUMP_PHASES, GaitRecord, JumpRecord, Recording
 from experiments.rollout import Tick
-
-STANDING_AFTER = 0.5  # s after touch-down, when the landing's height is reached (the controller's landing time)
 
 
 def jump_record(ticks: Tick, drive: str) -> JumpRecord:
     """The ticks of a squat jump as the report shows them; states are those at the end of each tick."""
-    time, phase = np.asarray(ticks.time, float), np.asarray(ticks.info.phase).round().astype(int)
-    landing = np.flatnonzero(phase == 3)
-    if len(landing):
-        phase = np.where((phase == 3) & (time > time[landing[0]] + STANDING_AFTER), 4, phase)
+    phase = np.asarray(ticks.info.phase).round().astype(int)
+    landing, standing = JUMP_PHASES.index("landing"), JUMP_PHASES.index("standing")
+    phase = np.where((phase == landing) & (np.asarray(ticks.info.settled) > 0), standing, phase)
     desired_height = np.asarray(ticks.info.desired_height)
     return JumpRecord(drive=drive, **_signals(ticks), desired_height=desired_height, phase=phase)
 

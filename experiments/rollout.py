@@ -127,9 +127,7 @@ class Rollout:
         inputs = PlantInput(command, measurement, push_at(trial, time))
         return Decision(time, sensed, sensing, robot, controller, targets, info, inputs)
 
-    def conclude(
-        self, carry: Any, decision: "Decision", moved: tuple[PlantState, PlantOutput]
-    ) -> tuple[Any, Tick]:
+    def conclude(self, carry: Any, decision: "Decision", moved: tuple[PlantState, PlantOutput]) -> tuple[Any, Tick]:
         """What the plant has come to, taken into the tally; frozen from where it diverges on."""
         state, _, _, tally, alive = carry
         after, output = moved

@@ -17,7 +17,7 @@ from experiments.rollout import Score, Tick
 from experiments.sensing import CONTACT_FORCE
 from experiments.smooth import squat_jump
 from experiments.smooth.laws import WIDTHS, Widths, softplus, step
-from experiments.tasks.squat_jump import CONE_EDGE, STOP_MARGIN, SquatJumpTask
+from experiments.tasks.squat_jump import CONE_EDGE, SquatJumpTask, leg_lengths
 from experiments.trial import Trial
 
 Array = jax.Array
@@ -65,11 +65,11 @@ class SmoothSquatJump(SquatJumpTask):
         before = 1.0 - info.touched
         dt = self.period * before
         pressed = step(foot_forces(bodies.contact_force) - CONTACT_FORCE, w.contact_force)
-        leg = jnp.sqrt(((bodies.r_WF - q[None, :3]) ** 2).sum(-1)).mean()
+        leg = leg_lengths(self.settings.geometry, q, bodies.r_WF).mean()
         slide = (jnp.sqrt((bodies.slip_velocity[:, :2] ** 2).sum(-1) + TINY) * pressed).sum()
         limits, joints = self.settings.geometry.position_limits, q[7:]
-        beyond = softplus(limits[:, 0] + STOP_MARGIN - joints, w.angle)
-        beyond = beyond + softplus(joints - limits[:, 1] + STOP_MARGIN, w.angle)
+        beyond = softplus(limits[:, 0] - joints, w.angle)
+        beyond = beyond + softplus(joints - limits[:, 1], w.angle)
         return SmoothTally(
             apex=jnp.maximum(tally.apex, q[2] * info.flown * before),  # its slope is that of the highest tick
             flight=tally.flight + dt * info.flown,

@@ -9,13 +9,13 @@ import jax.numpy as jnp
 from controller_jax import squat_jump
 from controller_jax.geometry import geometry_from_numbers
 from controller_jax.squat_jump import OVERTIME, SquatJumpParams, SquatJumpSettings
-from controller_jax.types import JointTargets, RobotState
+from controller_jax.types import JointTargets, LegGeometry, RobotState
 from experiments.errors import UserError
 from experiments.files import shown
 from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
-from experiments.sensing import CONTACT_FORCE
+from experiments.sensing import CONTACT_FORCE, rotation_matrix
 from experiments.tasks.definition import TaskDefinition, check_weights
 from experiments.trial import Trial
 from mjx_starleth.terrain import ground_contact
@@ -44,7 +44,6 @@ CONTACT_TOLERANCE = 1e-5  # m that a foot may start inside the ground: rounding
 CONE_EDGE = 0.8  # share of the friction cone beyond which a desired force is charged (FACTS 3.5)
 FALLEN_HEIGHT = 0.15  # m, torso above ground: lower than any crouch
 FALLEN_TILT = 0.7  # cosine of the torso's tilt
-STOP_MARGIN = 0.05  # rad, software margin before the joint stops (FACTS 1)
 REBOUND = 0.01  # s off the ground after touch-down; less is a foot's bounce, not a take-off
 STANDING_TIME = 0.5  # s at the end over which standing still is judged
 STANDING_SPEED = 0.05  # m/s
@@ -56,7 +55,7 @@ class Tally(NamedTuple):
 
     apex: Array  # m
     flight: Array  # s between take-off and touch-down
-    leg_length: Array  # m s in flight
+    leg_length: Array  # m s in flight, mean of the legs, hip to foot
     slip: Array  # m, all feet
     rebound: Array  # s with no foot on the ground after touch-down
     tracking: Array  # (N^2 + (N m)^2) s
@@ -111,13 +110,11 @@ class SquatJumpTask:
         flying = as_float(info.phase == squat_jump.FLIGHT)
         landing = as_float(info.phase == squat_jump.LANDING)
         took_off = as_float((flying + tally.flight) > 0)
-        leg = jnp.sqrt(((bodies.r_WF - q[None, :3]) ** 2).sum(-1)).mean()
+        leg = leg_lengths(self.settings.geometry, q, bodies.r_WF).mean()
         slide = (jnp.sqrt((bodies.slip_velocity[:, :2] ** 2).sum(-1) + 1e-12) * as_float(pressed)).sum()
         limits = self.settings.geometry.position_limits
         joints = q[7:]
-        beyond = jnp.maximum(limits[:, 0] + STOP_MARGIN - joints, 0) + jnp.maximum(
-            joints - limits[:, 1] + STOP_MARGIN, 0
-        )
+        beyond = jnp.maximum(limits[:, 0] - joints, 0) + jnp.maximum(joints - limits[:, 1], 0)
         up = 1 - 2 * (q[4] ** 2 + q[5] ** 2)
         down = (q[2] < FALLEN_HEIGHT) | (up < FALLEN_TILT)
         ending = tick.time >= self.ticks * dt - STANDING_TIME
@@ -186,6 +183,12 @@ METRIC_UNITS = {
     "contact_residual": "N",
     "success": "bool",
 }
+
+
+def leg_lengths(geometry: LegGeometry, q: Array, r_WF: Array) -> Array:
+    """Distance (4,) of each foot's centre (4, 3) from its hip (HAA axis) at torso pose q (7 or more), m."""
+    r_WH = q[None, :3] + (rotation_matrix(q[3:7])[None] * geometry.r_BH_B[:, None]).sum(-1)
+    return jnp.sqrt(((r_WF - r_WH) ** 2).sum(-1))
 
 
 def as_float(condition: Array) -> Array:

@@ -1,0 +1,54 @@
+"""The squat jump's task: its cost terms against closed form."""
+
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from experiments.model import nominal_model
+from experiments.tasks.definition import load_task
+from experiments.tasks.registry import make_task
+from experiments.tasks.squat_jump import leg_lengths
+
+SHIPPED = load_task("squat_jump")
+HIP, THIGH, SHANK = 0.0685, 0.200, 0.235  # m, FACTS 1
+HIPS = np.array([[0.2525, 0.185, 0], [0.2525, -0.185, 0], [-0.2525, 0.185, 0], [-0.2525, -0.185, 0]])
+
+
+def test_a_leg_is_as_long_as_from_its_hip_to_its_foot() -> None:
+    geometry = make_task(SHIPPED, nominal_model()).settings.geometry
+    turn, r_WB = Rotation.from_euler("xyz", [0.3, -0.4, 2.0]), np.array([1.0, -2.0, 0.7])
+    # straight; knee at a right angle under the hip; hip turned out, which changes no length
+    square = np.hypot(HIP + THIGH, SHANK)
+    legs = np.array(
+        [[0, 0, -HIP - THIGH - SHANK], [SHANK, 0, -HIP - THIGH], [0, 0, -HIP - THIGH - SHANK], [0, 0, -0.3]]
+    )
+    legs[2] = Rotation.from_euler("x", 0.4).apply(legs[2])
+    feet = r_WB + turn.apply(HIPS + legs)
+    q = np.concatenate([r_WB, turn.as_quat()[[3, 0, 1, 2]], np.zeros(12)])
+    found = jax.jit(leg_lengths)(geometry, jnp.asarray(q, jnp.float32), jnp.asarray(feet, jnp.float32))
+    np.testing.assert_allclose(found, [0.5035, square, 0.5035, 0.3], atol=1e-6)
+
+
+@pytest.mark.parametrize(("before_stop", "charged"), [(0.2, 0.0), (0.06, 0.0), (0.03, 0.02), (-0.01, 0.06)])
+def test_joints_are_charged_within_the_software_margin_of_their_stops(before_stop: float, charged: float) -> None:
+    task = make_task(SHIPPED, nominal_model())
+    joints = np.array([0.0, 0.7, -1.2] * 2 + [0.0, -0.7, 1.2] * 2)
+    joints[2] = -2.46 + before_stop  # LF_KFE goes from -2.46 (FACTS 1)
+    q = np.float32([0, 0, 0.4, 1, 0, 0, 0, *joints])
+    bodies = SimpleNamespace(q=jnp.asarray(q), u=jnp.zeros(18))
+    feet = SimpleNamespace(
+        r_WF=jnp.zeros((4, 3)),
+        contact_force=jnp.zeros((4, 3)),
+        slip_velocity=jnp.zeros((4, 3)),
+        contact_residual=jnp.zeros(()),
+    )
+    info = SimpleNamespace(phase=jnp.float32(2.0), tracking_error=jnp.zeros(6), cone_use=jnp.zeros(4))
+    tick = SimpleNamespace(
+        time=jnp.zeros(()), info=info, after=SimpleNamespace(bodies=bodies), output=SimpleNamespace(bodies=feet)
+    )
+    found = task.observe(task.first_tally(), tick).joint_stop
+    assert float(found) == pytest.approx(charged * task.period, abs=1e-8)
