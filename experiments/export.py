@@ -114,6 +114,7 @@ def parameter_fields(
     laws = {name: law.model_dump_json() for name, law in options.perturbations.draw.items()}
     return {
         "task": definition.task,
+        "task_hash": definition.hash(),
         "robot": ROBOT,
         "model_hash": options.model.hash(),
         "parameters": [

@@ -108,6 +108,10 @@ class ParameterFile(_Record):
 
     schema_version: Literal[2] = SCHEMA_VERSION
     task: Word
+    # optional: files of the same schema version were written before it was recorded
+    task_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")] | None = Field(
+        default=None, description="of what a replay of the task depends on; null: not recorded"
+    )
     robot: Word
     model_hash: Annotated[str, Field(pattern=r"^[0-9a-f]{16,64}$", description="of the model it was tuned on")]
     parameters: Annotated[list[Parameter], Field(min_length=1, max_length=1000)]

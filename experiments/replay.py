@@ -16,7 +16,7 @@ from experiments.parameter_file import ParameterFile, read_parameters
 from experiments.plant import make_plant
 from experiments.rollout import Rollout, Score, Tick
 from experiments.stepping import ENGINES, run_with_engine
-from experiments.tasks.definition import TaskDefinition, load_task
+from experiments.tasks.definition import TaskDefinition, task_of
 from experiments.tasks.registry import make_task, metric_units
 from experiments.trial import nominal_trial
 
@@ -33,18 +33,15 @@ class Motion:
         return self.definition.space().vector(self.file.values())
 
 
-def load_motion(source: Path, model: Model) -> Motion:
+def load_motion(source: Path, model: Model, task: str | None = None) -> Motion:
     """A run's folder or a parameters.json, gated or not: this is simulation.
 
-    Raises UserError, also for parameters of another model.
+    task: the user's own task file, if it was tuned with one. Raises UserError, also for parameters of another model
+    or task.
     """
     path = source / "parameters.json" if source.is_dir() else source
     file = read_parameters(path, model_hash=model.hash(), allow_ungated=True)
-    definition = load_task(file.task)
-    missing = set(definition.space().names) ^ set(file.values())
-    if missing:
-        raise UserError(f"{path}: parameter '{min(missing)}' is not one of task {file.task}; tune the motion again.")
-    return Motion(file, definition)
+    return Motion(file, task_of(file, path, task))
 
 
 def initial_guess(definition: TaskDefinition) -> np.ndarray:

@@ -21,7 +21,7 @@ from experiments.reports.robustness_trial import write_trial_report
 from experiments.robustness import PerturbedTrials, RobustnessOptions, describe_trial, run_trials, summary
 from experiments.robustness_file import RobustnessFile
 from experiments.run_folder import RunFolder, make_answer_folder
-from experiments.tasks.definition import load_task
+from experiments.tasks.definition import task_of
 from experiments.trial import Trial, noise_table
 from sea_jax import DRIVES
 
@@ -66,12 +66,7 @@ def plan(
             f"{shown(path)} was tuned on the model {file.model_hash}, not on {model.hash()}: a gate speaks for the model "
             "it was tuned on; give that model file, or leave --gate away."
         )
-    definition = load_task(task or file.task)
-    if definition.task != file.task or set(definition.space().names) != set(file.values()):
-        raise UserError(
-            f"{shown(path)} holds parameters of another task than '{definition.task}'; give the task file it was tuned "
-            "with by --task."
-        )
+    definition = task_of(file, path, task)
     if drive is not None and drive not in DRIVES:
         raise UserError(f"No drive '{shown(drive)}'; choose one of {', '.join(DRIVES)}.")
     if required is not None and drive not in (None, file.drive):

@@ -16,6 +16,7 @@ the search uses), mjx (mjx.step) and mujoco_c (MuJoCo C at small steps with its 
     starleth replay runs/squat_jump
     starleth replay runs/squat_jump --drive ideal
     starleth replay runs/squat_jump/parameters.json --engine mujoco_c
+    starleth replay runs/my_jump --task my_jump.json
     starleth replay squat_jump --initial-guess        the task before any search
 """
 
@@ -30,21 +31,25 @@ def command(
     engine: Annotated[str, typer.Option(help="moreau, mjx or mujoco_c.")] = "moreau",
     model: ModelOption = None,
     effects: EffectsOption = None,
+    task: Annotated[str | None, typer.Option(help="Your own task file, if it was tuned with one.")] = None,
     initial_guess: Annotated[bool, typer.Option("--initial-guess", help="Replay a task's initial guess.")] = False,
 ) -> None:
     start_jax(1)
     from experiments import replay
     from experiments.effects.library import load_effects
+    from experiments.errors import UserError
     from experiments.model import load_model
     from experiments.tasks.definition import load_task
 
     library = load_effects(effects or ())
     robot = load_model(model, library)
     if initial_guess:
+        if task is not None:
+            raise UserError("With --initial-guess give the task file as the first argument; leave --task away.")
         definition = load_task(source)
         values, tuned_on = replay.initial_guess(definition), "full"
     else:
-        motion = replay.load_motion(Path(source), robot)
+        motion = replay.load_motion(Path(source), robot, task)
         definition, values, tuned_on = motion.definition, motion.values, motion.file.drive
     score, _ = replay.replay(values, definition, robot, drive or tuned_on, engine, library)
     print(json.dumps(replay.summary(score, definition, robot, drive or tuned_on, engine)))

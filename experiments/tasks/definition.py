@@ -1,15 +1,18 @@
 """A task's definition as a file: parameters with unit and bounds, cost weights, stages of the search."""
 
+import hashlib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
+import rfc8785
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from es import Parameter, ParameterSpace
 from experiments.errors import UserError
 from experiments.files import first_complaint, read_json, shown
+from experiments.parameter_file import ParameterFile
 
 MAX_BYTES = 1_000_000
 MOST_ROLLOUTS = 10_000_000  # of one generation: their scores are held at once
@@ -67,6 +70,21 @@ class TaskDefinition(_Strict):
         """The parameters as a search space."""
         return ParameterSpace(tuple(Parameter(p.name, p.unit, p.low, p.high, p.initial) for p in self.parameters))
 
+    def hash(self) -> str:
+        """What a replay of the task depends on, in 16 hexadecimal digits; not how it was searched.
+
+        Raises ValueError for a setting that is no JSON number (RFC 8785).
+        """
+        identity = {
+            "task": self.task,
+            "duration": self.duration,
+            "parameters": [[p.name, p.unit] for p in self.parameters],
+            "weights": self.weights,
+            "settings": self.settings,
+            "sensing": self.stages[-1].sensing,
+        }
+        return hashlib.sha256(rfc8785.dumps(identity)).hexdigest()[:16]
+
     def with_generations(self, total: int) -> "TaskDefinition":
         """The stages shortened or stretched to `total` generations, in proportion, one at least."""
         if total < len(self.stages):
@@ -118,11 +136,29 @@ def load_task(name_or_file: str) -> TaskDefinition:
         return parse_task(read_json(path, MAX_BYTES), path.name)
 
 
+def task_of(file: ParameterFile, path: Path, own: str | None = None) -> TaskDefinition:
+    """The task that a parameter file was tuned for: the shipped one, or the user's own file. Raises UserError."""
+    definition = load_task(own or file.task)
+    name = shown(path)
+    if definition.task != file.task or set(definition.space().names) != set(file.values()):
+        raise UserError(
+            f"{name} holds parameters of another task than '{definition.task}'; give the task file it was tuned with "
+            "by --task FILE."
+        )
+    if file.task_hash not in (None, definition.hash()):
+        raise UserError(
+            f"{name} was tuned for a task '{file.task}' of another duration, weights or settings; give the task file "
+            "it was tuned with by --task FILE."
+        )
+    return definition
+
+
 def parse_task(content: Any, source: str) -> TaskDefinition:
     """Check a task file's content; raises UserError naming the key."""
     try:
         definition = TaskDefinition.model_validate(content)
         definition.space()
+        definition.hash()
     except ValidationError as error:
         raise UserError(f"{shown(source)}: {first_complaint(error)}.") from None
     except ValueError as error:

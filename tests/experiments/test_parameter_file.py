@@ -3,6 +3,7 @@
 import hashlib
 import json
 import random
+from importlib import resources
 from pathlib import Path
 
 import jsonschema
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from experiments import parameter_file
 from experiments.errors import UserError
 from experiments.parameter_file import ParameterFile, checksum, gate, parameter, read_parameters, write_parameters
+from experiments.tasks.definition import load_task, task_of
 
 SCHEMA = Path(parameter_file.__file__).parent / "schemas" / "parameters.schema.json"
 FULL_FUZZ = 100_000  # inputs of the slow test
@@ -25,6 +27,7 @@ def fields() -> dict:
     spread = {"mean": 0.7, "std": 0.01, "low": 0.66, "high": 0.73}
     return {
         "task": "squat_jump",
+        "task_hash": "fedcba9876543210",
         "robot": "starleth",
         "model_hash": "0123456789abcdef",
         "parameters": [
@@ -72,6 +75,38 @@ def refused(path: Path, match: str, **expected) -> None:
         read_parameters(path, **expected)
     text = str(caught.value)
     assert "\n" not in text and text.endswith(".") and len(text) < 700
+
+
+def tuned_for(definition, path: Path):
+    """A parameter file of a task's initial guess."""
+    parameters = [parameter(p.name, p.initial, p.unit, p.low, p.high) for p in definition.parameters]
+    own = {"task_hash": definition.hash(), "parameters": parameters}
+    return write_parameters(path, **fields() | own)
+
+
+def test_a_motion_is_replayed_on_the_task_that_it_was_tuned_for(tmp_path):
+    shipped = load_task("squat_jump")
+    longer = shipped.model_copy(update={"duration": 3.0})
+    own, path = tmp_path / "own.json", tmp_path / "parameters.json"
+    own.write_text(longer.model_dump_json())
+
+    assert task_of(tuned_for(shipped, path), path) == shipped
+    searched_otherwise = shipped.with_generations(7).model_copy(update={"population": 40})
+    assert task_of(tuned_for(searched_otherwise, path), path) == shipped
+
+    file = tuned_for(longer, path)
+    assert task_of(file, path, str(own)) == longer
+    with pytest.raises(UserError, match=r"another duration, weights or settings; give the task file .* by --task FILE"):
+        task_of(file, path)
+    with pytest.raises(UserError, match="parameters of another task than 'pronk'"):
+        task_of(file, path, "pronk")
+
+
+def test_files_from_before_the_task_was_recorded_are_read():
+    for example in resources.files("experiments.examples").iterdir():
+        if example.name.endswith(".json"):
+            file = read_parameters(str(example), allow_ungated=True)
+            assert task_of(file, Path(example.name)).task == file.task
 
 
 def test_round_trip(path):
