@@ -79,6 +79,20 @@ def write_json(path: Path | str, value: Any) -> None:
     write_text(path, json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
+def json_line(value: Any) -> str:
+    """One line of JSON; null stands for numbers that are not finite."""
+    return json.dumps(nan_as_null(value), ensure_ascii=False, allow_nan=False)
+
+
+def nan_as_null(value: Any) -> Any:
+    """Nested dictionaries and lists with None for the numbers that JSON does not know."""
+    if isinstance(value, dict):
+        return {key: nan_as_null(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [nan_as_null(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def read_bytes(path: Path | str, max_bytes: int) -> bytes:
     """The contents of a regular file of at most `max_bytes`. Raises UserError."""
     with _sentence(f"cannot read {shown(path)}"):

@@ -18,7 +18,7 @@ import rfc8785
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from experiments.errors import UserError
-from experiments.files import read_json, shown, write_json
+from experiments.files import first_complaint, read_json, shown, write_json
 from experiments.robustness_statistics import success_interval
 
 SCHEMA_VERSION: Final = 2
@@ -189,7 +189,7 @@ def write_parameters(path: Path | str, **fields: Any) -> ParameterFile:
     try:
         unsigned = ParameterFile(checksum="0" * 64, **fields).model_dump(mode="json")
     except ValidationError as error:
-        raise UserError(f"{shown(path)} was not written: {_reason(error)}.") from None
+        raise UserError(f"{shown(path)} was not written: {first_complaint(error)}.") from None
     content = unsigned | {"checksum": checksum(unsigned)}
     write_json(path, content)
     return ParameterFile.model_validate(content)
@@ -222,7 +222,7 @@ def read_parameters(
         file = ParameterFile.model_validate(content)
         intact = checksum(content) == file.checksum
     except ValidationError as error:
-        raise UserError(f"{name} is refused: {_reason(error)}; take an undamaged copy or tune again.") from None
+        raise UserError(f"{name} is refused: {first_complaint(error)}; take an undamaged copy or tune again.") from None
     except ValueError as error:  # not representable in RFC 8785
         raise UserError(f"{name} is refused: {error}; take an undamaged copy or tune again.") from None
     if not intact:
@@ -260,15 +260,6 @@ def _refuse_other(file: ParameterFile, name: str, robot: str | None, model_hash:
         )
     if task is not None and file.task != task:
         raise UserError(f"{name} is for the task '{file.task}', not for '{task}'; give the file of that task.")
-
-
-def _reason(error: ValidationError) -> str:
-    """The first thing that is wrong, in a few words."""
-    first = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in first["loc"])
-    message = first["msg"].removeprefix("Value error, ")
-    message = message[:1].lower() + message[1:]
-    return shown(f"{place}: {message}" if place else message)
 
 
 def json_schema() -> dict[str, Any]:

@@ -3,16 +3,30 @@
 import io
 from pathlib import Path
 
+import jax
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from experiments.errors import UserError
 from experiments.files import write_bytes
 from experiments.reports.recording import JUMP_PHASES, GaitRecord, JumpRecord, Recording
 from experiments.rollout import Tick
 
 
+def until_divergence(ticks: Tick) -> Tick:
+    """The ticks (NumPy leaves) before the rollout diverges, all where it does not. Raises UserError for less than two."""
+    alive = int(np.asarray(ticks.alive).sum())
+    if alive < 2:
+        raise UserError("The motion diverges from the first moment on: there is nothing to show.")
+    return jax.tree.map(lambda x: x[:alive], ticks)
+
+
 def jump_record(ticks: Tick, drive: str) -> JumpRecord:
-    """The ticks of a squat jump as the report shows them; states are those at the end of each tick."""
+    """The ticks of a squat jump as the report shows them; states are those at the end of each tick.
+
+    A motion that diverges is shown up to there. Raises UserError where nothing is left.
+    """
+    ticks = until_divergence(ticks)
     phase = np.asarray(ticks.info.phase).round().astype(int)
     landing, standing = JUMP_PHASES.index("landing"), JUMP_PHASES.index("standing")
     phase = np.where((phase == landing) & (np.asarray(ticks.info.settled) > 0), standing, phase)
@@ -21,7 +35,8 @@ def jump_record(ticks: Tick, drive: str) -> JumpRecord:
 
 
 def gait_record(ticks: Tick, drive: str) -> GaitRecord:
-    """The ticks of a gait as the report shows them; states are those at the end of each tick."""
+    """The ticks of a gait, as in `jump_record`."""
+    ticks = until_divergence(ticks)
     info, u = ticks.info, np.asarray(ticks.after.bodies.u)
     normal = np.asarray(info.plane.normal_W)
     R_WB, seen = _rotations(np.asarray(ticks.after.bodies.q)[:, 3:7]), ticks.robot

@@ -8,14 +8,16 @@ from typing import Any
 
 import jax
 import numpy as np
+from pydantic import ValidationError
 
 from experiments.effects.effect import Effect
 from experiments.errors import UserError
 from experiments.export import versions
-from experiments.files import shown, write_json
+from experiments.files import first_complaint, nan_as_null, shown, write_json
 from experiments.model import Model
 from experiments.parameter_file import ParameterFile, gate, now, read_parameters, write_parameters
 from experiments.perturbations import Perturbations
+from experiments.recording import until_divergence
 from experiments.reports.robustness import write_robustness_report
 from experiments.reports.robustness_trial import write_trial_report
 from experiments.robustness import PerturbedTrials, RobustnessOptions, describe_trial, run_trials, summary
@@ -96,7 +98,8 @@ def analyse(
     verdict = None
     if plan.required is not None:
         verdict = gate(plan.required, outcome.successes, outcome.trials, o.seed, laws)
-    found = RobustnessFile(
+    found = _checked(
+        run.path,
         task=o.definition.task,
         robot=ROBOT,
         model_hash=o.model.hash(),
@@ -121,6 +124,16 @@ def analyse(
     return found
 
 
+def _checked(folder: Path, **fields: Any) -> RobustnessFile:
+    try:
+        return RobustnessFile(**fields)
+    except ValidationError as error:
+        raise UserError(
+            f"{shown(folder)}/robustness.json was not written: {first_complaint(error)}; the trials are in "
+            f"{shown(folder)}/trials."
+        ) from None
+
+
 def one_trial(plan: Plan, index: int, output: Path | None) -> dict[str, Any]:
     """One trial alone, to the bits it had among the others; with `output`, a report with its motion."""
     trials = plan.trials
@@ -128,12 +141,13 @@ def one_trial(plan: Plan, index: int, output: Path | None) -> dict[str, Any]:
         make_answer_folder(output)
     answer = describe_trial(trials, trials.alone(index), plan.command)
     if output is not None:
+        write_json(output / "trial.json", nan_as_null(answer))
         evaluation, members = trials.evaluation, trials.members(index, 1)
         trial = Trial({n: x[0] for n, x in members.numbers.items()}, noise_table(), members.noise_start[0])
         params, settings = evaluation.limited()
         record = jax.jit(evaluation.rollout.record)
         _, ticks = jax.tree.map(np.asarray, record(params, settings, members.values[0], trial))
+        ticks = until_divergence(ticks)
         terrain = jax.tree.map(np.asarray, trial.apply(evaluation.rollout.plant, params).bodies.terrain)
-        write_json(output / "trial.json", answer)
         write_trial_report(output / "report.html", plan.file, answer, trials.units, ticks, terrain, plan.options.model)
     return answer

@@ -1,6 +1,5 @@
 """`starleth replay`: run a tuned motion again and print its metrics as one JSON object."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
@@ -38,6 +37,7 @@ def command(
     from experiments import replay
     from experiments.effects.library import load_effects
     from experiments.errors import UserError
+    from experiments.files import json_line
     from experiments.model import load_model
     from experiments.tasks.definition import load_task
 
@@ -52,4 +52,4 @@ def command(
         motion = replay.load_motion(Path(source), robot, task)
         definition, values, tuned_on = motion.definition, motion.values, motion.file.drive
     score, _ = replay.replay(values, definition, robot, drive or tuned_on, engine, library)
-    print(json.dumps(replay.summary(score, definition, robot, drive or tuned_on, engine)))
+    print(json_line(replay.summary(score, definition, robot, drive or tuned_on, engine)))

@@ -1,6 +1,5 @@
 """`starleth robustness`: thousands of perturbed trials of a tuned motion."""
 
-import json
 import shlex
 from pathlib import Path
 from typing import Annotated
@@ -57,6 +56,7 @@ def command(
     from experiments import robustness_run as analysis
     from experiments.cli.robustness_progress import RobustnessProgress
     from experiments.effects.library import load_effects
+    from experiments.files import json_line
     from experiments.model import load_model
     from experiments.perturbations import load_perturbations
     from experiments.run_folder import open_run
@@ -70,7 +70,7 @@ def command(
     line = shlex.join(["starleth", "robustness", *words])
     plan = analysis.plan(source, robot, laws, trials, seed, line, task, drive, library, devices, gate)
     if only is not None:
-        print(json.dumps(analysis.one_trial(plan, only, output)))
+        print(json_line(analysis.one_trial(plan, only, output)))
         return
     folder = output or (source if source.is_dir() else source.parent) / "robustness"
     with (

@@ -19,6 +19,7 @@ from experiments.errors import UserError
 from experiments.files import (
     MAX_DEPTH,
     TEMPORARY_NAME,
+    json_line,
     parse_json,
     read_json,
     write_bytes,
@@ -248,3 +249,10 @@ def test_a_reader_never_sees_half_a_file(tmp_path):
     finally:
         stop.set()
         writer.join()
+
+
+def test_numbers_that_json_does_not_know_are_printed_as_null() -> None:
+    value = {"a": float("nan"), "b": [1.5, float("inf"), True, None], "c": {"d": "NaN"}}
+    line = json_line(value)
+    assert json.loads(line, parse_constant=pytest.fail) == {"a": None, "b": [1.5, None, True, None], "c": {"d": "NaN"}}
+    assert "\n" not in line

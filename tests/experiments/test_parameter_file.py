@@ -217,7 +217,7 @@ def test_a_gate_cannot_pass_with_too_low_a_rate(path):
 def test_what_is_not_finite_is_neither_written_nor_read(tmp_path, path, bad):
     broken = fields()
     broken["metrics"]["apex_height"]["value"] = bad
-    with pytest.raises(UserError, match=r"was not written: metrics\.apex_height"):
+    with pytest.raises(UserError, match=r"was not written: 'metrics\.apex_height"):
         write_parameters(tmp_path / "new.json", **broken)
     assert not (tmp_path / "new.json").exists()
     content = json.loads(path.read_text())

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
+from experiments.errors import UserError
 from experiments.imu_sensing import make_sensing
 from experiments.model import FittedValue, PlacedEffect, nominal_model
 from experiments.plant import make_plant
-from experiments.rollout import Rollout
+from experiments.recording import until_divergence
+from experiments.rollout import Rollout, Tick
 from experiments.stepping import run_with_engine
 from experiments.tasks.definition import load_task
 from experiments.tasks.registry import make_task
@@ -68,3 +70,10 @@ def test_a_run_that_diverges_in_mujoco_c_has_failed(loop) -> None:
     assert score.terms["fall"] == rollout.task.weights["fall"]
     assert not score.metrics["landed"] and not score.metrics["success"]
     assert np.isfinite(score.cost) and not ticks.alive.any()
+
+
+def test_a_diverging_motion_is_shown_up_to_there() -> None:
+    ticks = Tick(*(np.arange(5.0) for _ in Tick._fields))._replace(alive=np.array([1, 1, 1, 0, 0]))
+    np.testing.assert_array_equal(until_divergence(ticks).time, [0, 1, 2])
+    with pytest.raises(UserError, match="diverges from the first moment on"):
+        until_divergence(ticks._replace(alive=np.array([1, 0, 0, 0, 0])))
