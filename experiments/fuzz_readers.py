@@ -252,7 +252,7 @@ def read_perturbations(folder: Path) -> None:
     found = load_perturbations(folder / "perturbations.json", _nominal(nominal_model))
     draws = np.linspace(0, 1, 3)
     for law in found.draw.values():
-        law.draw(draws, draws).astype(np.float32)
+        law.draw(draws).astype(np.float32)
 
 
 @cache

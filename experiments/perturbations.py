@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from scipy.special import ndtr, ndtri
 
 from experiments.effects.compose import is_on
 from experiments.effects.effect import Effect
@@ -48,7 +49,7 @@ class Uniform(_Strict):
     def range(self) -> tuple[float, float]:
         return self.low, self.high
 
-    def draw(self, unit: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    def draw(self, unit: np.ndarray) -> np.ndarray:
         return self.low + (self.high - self.low) * unit
 
 
@@ -63,8 +64,9 @@ class Normal(_Strict):
     def range(self) -> tuple[float, float]:
         return self.mean - CUT * self.std, self.mean + CUT * self.std
 
-    def draw(self, unit: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        return self.mean + self.std * np.clip(normal, -CUT, CUT)
+    def draw(self, unit: np.ndarray) -> np.ndarray:
+        low, high = ndtr(-CUT), ndtr(CUT)
+        return self.mean + self.std * ndtri(low + (high - low) * unit)
 
 
 class Fixed(_Strict):
@@ -77,7 +79,7 @@ class Fixed(_Strict):
     def range(self) -> tuple[float, float]:
         return self.value, self.value
 
-    def draw(self, unit: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    def draw(self, unit: np.ndarray) -> np.ndarray:
         return np.full_like(unit, self.value)
 
 
@@ -103,10 +105,8 @@ class Perturbations(_Strict):
         indices = jnp.arange(first, first + trials, dtype=jnp.uint32)
         found = {}
         for name, law in self.draw.items():
-            unit, normal = _draws(key, name, indices)
-            found[name] = law.draw(unit, normal).astype(np.float32)
-        unit, _ = _draws(key, "the start of the sensor noise", indices)
-        return found, (unit * NOISE_ROWS).astype(np.int32)
+            found[name] = law.draw(_draws(key, name, indices)).astype(np.float32)
+        return found, (_draws(key, "the start of the sensor noise", indices) * NOISE_ROWS).astype(np.int32)
 
     def on(self, model: Model, library: Mapping[str, Effect] = LIBRARY) -> Model:
         """The model with room for every perturbed effect: those that it lacks, or has at zero, switched on.
@@ -127,15 +127,13 @@ class Perturbations(_Strict):
 
 
 @jax.jit
-def _keyed_draws(key: jax.Array, indices: jax.Array) -> tuple[jax.Array, jax.Array]:
-    keys = jax.vmap(lambda i: jax.random.fold_in(key, i))(indices)
-    unit = jax.vmap(lambda k: jax.random.uniform(k))(keys)
-    return unit, jax.vmap(lambda k: jax.random.normal(jax.random.fold_in(k, 1)))(keys)
+def _keyed_draws(key: jax.Array, indices: jax.Array) -> jax.Array:
+    return jax.vmap(lambda i: jax.random.uniform(jax.random.fold_in(key, i)))(indices)
 
 
-def _draws(key: jax.Array, name: str, indices: jax.Array) -> tuple[np.ndarray, np.ndarray]:
-    unit, normal = _keyed_draws(jax.random.fold_in(key, zlib.crc32(name.encode())), indices)
-    return np.asarray(unit, np.float64), np.asarray(normal, np.float64)
+def _draws(key: jax.Array, name: str, indices: jax.Array) -> np.ndarray:
+    """Even numbers (trials,) from 0 to below 1."""
+    return np.asarray(_keyed_draws(jax.random.fold_in(key, zlib.crc32(name.encode())), indices), np.float64)
 
 
 def load_perturbations(

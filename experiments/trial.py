@@ -1,6 +1,6 @@
 """One trial of a motion: which numbers of the plant are off, how noisy its sensors are, who pushes it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -17,7 +17,10 @@ from mjx_starleth.terrain import Terrain
 
 Array = jax.Array
 
-NOISE_ROWS = 4096  # 10 s of control periods before a trial's sensor noise repeats
+# Sensor noise is one stream of rows: row i is the sum of rows i of two short tables that repeat at lengths without a
+# common divisor, over root two. So the tables stay in the cache, and the windows of two trials are hardly ever the same.
+TABLE_ROWS = (4096, 4093)
+NOISE_ROWS = TABLE_ROWS[0] * TABLE_ROWS[1]  # rows before the stream repeats: 11 hours of control periods
 NOISE_COLUMNS = 64
 
 
@@ -157,8 +160,8 @@ class Trial(NamedTuple):
     """Numbers of one trial by name, plus the row at which its sensor noise starts."""
 
     numbers: dict[str, Array]  # names of PERTURBATIONS and DISTURBANCES, and `effect@place.parameter`
-    noise: Array  # (NOISE_ROWS, NOISE_COLUMNS) standard normal numbers, shared by all trials
-    noise_start: Array  # () int32
+    noise: Array  # (sum of TABLE_ROWS, NOISE_COLUMNS) standard normal numbers, shared by all trials
+    noise_start: Array  # () int32, row of the stream, below NOISE_ROWS
 
     def get(self, name: str) -> Array:
         """A disturbance of this trial, or its nominal value."""
@@ -207,8 +210,8 @@ def nominal_trial() -> Trial:
 
 
 def noise_table(seed: int = 0) -> Array:
-    """Standard normal numbers from which every trial takes its sensor noise, at its own starting row."""
-    numbers = np.random.default_rng(seed).standard_normal((NOISE_ROWS, NOISE_COLUMNS))
+    """The two tables of the noise's stream, one below the other."""
+    numbers = np.random.default_rng(seed).standard_normal((sum(TABLE_ROWS), NOISE_COLUMNS))
     return jnp.asarray(numbers, jnp.float32)
 
 
@@ -224,7 +227,10 @@ def noise_row(trial: Trial, tick: Array) -> Array:
 
 
 def _row(trial: Trial, index: Array) -> Array:
-    return jax.lax.dynamic_index_in_dim(trial.noise, index % NOISE_ROWS, keepdims=False)
+    first, second = TABLE_ROWS
+    places = jnp.stack([index % first, first + index % second])
+    rows = trial.noise.at[places].get(mode="promise_in_bounds")
+    return (rows * np.float32(np.sqrt(0.5))).sum(0)
 
 
 def push_at(trial: Trial, time: Array) -> Array:
@@ -236,9 +242,3 @@ def push_at(trial: Trial, time: Array) -> Array:
     zero = jnp.zeros((), jnp.float32)
     wrench = jnp.stack([trial.get("push_x"), trial.get("push_y"), zero, zero, zero, zero])
     return jnp.where(on, wrench, 0.0)
-
-
-def trials_from_columns(columns: Mapping[str, Sequence[float]], noise_start: Sequence[int]) -> Trial:
-    """Many trials as one pytree with a leading axis; the noise table stays shared (see `TRIAL_AXES`)."""
-    numbers = {name: jnp.asarray(values, jnp.float32) for name, values in columns.items()}
-    return Trial(numbers, noise_table(), jnp.asarray(noise_start, jnp.int32))

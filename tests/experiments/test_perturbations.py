@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.stats import kstest, truncnorm
 
 from experiments.effects import LIBRARY
 from experiments.errors import UserError
@@ -11,7 +12,7 @@ from experiments.model import FittedValue, PlacedEffect, nominal_model
 from experiments.perturbations import SHIPPED, describe, load_perturbations, parse_perturbations
 from experiments.plant import make_plant
 from experiments.sensing import NOISE
-from experiments.trial import BIASES, DISTURBANCES, PERTURBATIONS, Trial, noise_row, noise_table
+from experiments.trial import BIASES, DISTURBANCES, NOISE_ROWS, PERTURBATIONS, Trial, noise_row, noise_table
 from mjx_starleth.terrain import ground_contact
 
 
@@ -101,6 +102,31 @@ def test_biases_are_constant_and_of_the_size_asked_for() -> None:
         # 399 times 3 or 12 normal numbers: their spread is known to 5 % or better
         assert drawn[:, BIASES[name][0]].std() * unit == pytest.approx(0.1, rel=0.08)
     assert drawn.any(0).sum() == 12 + 12 + 3
+
+
+def test_the_sensor_noise_of_two_trials_is_not_the_same_noise() -> None:
+    @jax.jit
+    def window(start):
+        one = trial(sensor_noise=1.0)._replace(noise_start=start)
+        return jax.vmap(lambda k: noise_row(one, k))(jnp.arange(2000))
+
+    first = np.asarray(window(0))
+    assert abs(first.mean()) < 0.02 and first.std() == pytest.approx(1.0, abs=0.02)
+    # a whole table later one half of each row comes again, the other half does not; any other start shares no row
+    for start, shared in ((4096, 0.5), (4093, 0.5), (3 * 4096 + 17, 0.0), (NOISE_ROWS - 1, 0.0)):
+        found = np.corrcoef(first.ravel(), np.asarray(window(start)).ravel())[0, 1]
+        assert found == pytest.approx(shared, abs=0.02)
+    late = NOISE_ROWS - 5  # the stream begins anew behind its last row
+    np.testing.assert_array_equal(np.asarray(window(late))[5:], first[:-5])
+
+
+def test_a_normal_law_is_cut_and_not_heaped_up_at_its_ends() -> None:
+    law = {"draw": {"torso_mass": {"law": "normal", "mean": 1.0, "std": 0.05}}}
+    laws = parse_perturbations(law, "test", nominal_model())
+    drawn = (laws.columns(jax.random.key(5), 20_000)[0]["torso_mass"] - 1.0) / 0.05
+    assert np.abs(drawn).max() <= 3.0 + 1e-5 and np.abs(drawn).max() > 2.9
+    assert kstest(drawn, truncnorm(-3, 3).cdf).pvalue > 0.01
+    assert len(np.unique(drawn)) > 19_000
 
 
 def test_a_board_lies_where_it_was_put(plant) -> None:
