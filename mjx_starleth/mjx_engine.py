@@ -35,7 +35,7 @@ class MjxEngine:
     substeps: int
     model: mjx.Model
     data: mjx.Data
-    feet: tuple[tuple[int, int], ...]  # site and geom of each foot
+    feet: np.ndarray  # (4,) sites
 
     def step(self, params: BodyParams, state: BodyState, input: BodyInput) -> tuple[BodyState, BodyOutput]:
         """One period; pure. Masses, gravity, friction and joint stops are taken from `params`."""
@@ -64,7 +64,7 @@ class MjxEngine:
         q, u = data.qpos, data.qvel
         with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
             data = mjx.kinematics(self.model, data)
-        r_WF = data.site_xpos[np.array([site for site, _ in self.feet])]
+        r_WF = data.site_xpos[self.feet]
         ground = ground_contact(params.terrain, r_WF, params.foot_radius, params.friction)
         n, R_WB = ground.frame[:, 2], data.xmat[1]
         anchor, axis = data.xanchor[1:].reshape(4, 3, 3), data.xaxis[1:].reshape(4, 3, 3)
@@ -100,7 +100,7 @@ def make_mjx_engine(
     # single precision: MJX's solver loses a nearly rigid contact, where MuJoCo C in double precision does not
     model.opt.impratio, model.pair_solimp[:] = SOFT_IMPRATIO, SOFT_SOLIMP
     model.pair_solref[:, 0] = np.maximum(model.pair_solref[:, 0], SOFT_TIME)
-    feet = tuple((model.site(f"{leg}_foot").id, model.geom(f"{leg}_foot").id) for leg in LEGS)
+    feet = np.array([model.site(f"{leg}_foot").id for leg in LEGS])
     with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
         return MjxEngine(params, period, substeps, mjx.put_model(model), mjx.make_data(model), feet)
 

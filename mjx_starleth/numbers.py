@@ -1,10 +1,9 @@
-"""The robot's numbers file: its schema, reading it, and the hash that names a robot.
+"""The robot's numbers file: its schema, and reading it.
 
 Every model here has exactly the keys of starleth.json; units are SI, angles radians. Where the values come from
 and how sure they are stands in the README.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping
 from importlib import resources
@@ -230,10 +229,3 @@ def robot_numbers(data: Mapping[str, Any], name: str = "The robot description") 
         where = ".".join(str(part) for part in first["loc"]) or "the whole file"
         what = first["msg"].removeprefix("Value error, ")
         raise ValueError(f"{name} is not usable: {where}: {what}.") from None
-
-
-def numbers_hash(numbers: RobotNumbers) -> str:
-    """sha256 (hex) over the canonical JSON of all numbers; the prose under `about` does not count."""
-    data = numbers.model_dump(mode="json", exclude={"about"})
-    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
-    return hashlib.sha256(text.encode()).hexdigest()
