@@ -21,6 +21,7 @@ import numpy as np
 from controller_jax.foot_contact import soles
 from controller_jax.leg_kinematics import leg_kinematics
 from controller_jax.rotations import cross, mm, mtv, mv, skew
+from controller_jax.small_linalg import inverse3
 from controller_jax.types import Array, LegGeometry, RobotState
 
 TINY = 1e-12  # rad^2, angle squared below which a turn is no turn
@@ -173,13 +174,6 @@ def correct(
         covariance=0.5 * (P + P.T),
     )
     return state, EstimatorInfo(distance, used)
-
-
-def inverse3(S: Array) -> Array:
-    """Inverse of a 3 x 3 matrix by cross products of its columns."""
-    a, b, c = S[:, 0], S[:, 1], S[:, 2]
-    rows = jnp.stack([cross(b, c), cross(c, a), cross(a, b)])
-    return rows / (a * rows[0]).sum()
 
 
 def rotation_exp(turn: Array) -> Array:

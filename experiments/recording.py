@@ -71,7 +71,7 @@ def _in_control_frame(R_WB: np.ndarray, normal: np.ndarray, v_W: np.ndarray, ome
 
 def _rotations(quaternion: np.ndarray) -> np.ndarray:
     """Rotation matrices (T, 3, 3), torso to world, of quaternions w x y z (T, 4)."""
-    return Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).as_matrix()
+    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
 def _signals(ticks: Tick) -> dict[str, np.ndarray]:

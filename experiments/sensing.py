@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from controller_jax.types import RobotState
 from experiments.plant import PlantState
+from mjx_starleth.rotation import rotation_matrix
 from sea_jax import JointMeasurement
 
 Array = jax.Array
@@ -79,17 +80,6 @@ def contact_flags(plant: PlantState) -> Array:
     """1.0 for each foot (4,) that presses on the ground with at least 10 N."""
     force = plant.contact_force
     return ((force * force).sum(-1) >= CONTACT_FORCE**2).astype(jnp.float32)
-
-
-def rotation_matrix(quaternion: Array) -> Array:
-    """R_WB (3, 3) of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return jnp.stack([jnp.stack(row) for row in rows])
 
 
 def _times_skew(R: Array, v: Array) -> Array:

@@ -8,8 +8,8 @@ import numpy as np
 from experiments.parameter_file import ParameterFile
 from experiments.reports import gait_figures, motion_figures, search_figures
 from experiments.reports.figures import phase_spans
-from experiments.reports.page import Block, Card, Cards, Figure, Section, Text, minus, number, percent, write_report
-from experiments.reports.parameters import one_line, parameter_table, provenance
+from experiments.reports.page import Block, Cards, Figure, Section, Text, minus, number, percent, write_report
+from experiments.reports.parameters import Headlines, gate_card, metric_cards, one_line, parameter_table, provenance
 from experiments.reports.playback import Playback, Track
 from experiments.reports.recording import GaitRecord, History
 from mjx_starleth.numbers import RobotNumbers
@@ -17,8 +17,7 @@ from mjx_starleth.numbers import RobotNumbers
 STRIDES_SHOWN = 4  # at the end of the recording, where a figure shows single strides
 SNAPSHOTS = 8
 
-# metric: (label, factor to the unit shown, unit shown, format)
-HEADLINES = {
+HEADLINES: Headlines = {
     "survived": ("Kept going", 1.0, "", ""),
     "heading_speed": ("Speed", 1.0, "m/s", ".2f"),
     "flight_fraction": ("In the air", 100.0, "%", ".0f"),
@@ -41,8 +40,9 @@ def write_gait_report(
     file: the parameter file just written; record: its nominal trial on the drive it was tuned with. Raises UserError.
     """
     name = file.task.replace("_", " ")
+    cards = Cards(metric_cards(file, HEADLINES) + gate_card(file))
     sections = [
-        Section("Result", [_cards(file), Text(_summary(file, numbers, record), "lead")]),
+        Section("Result", [cards, Text(_summary(file, numbers, record), "lead")]),
         Section("The motion", _motion(numbers, record)),
         Section("Contacts, speed, torso", _gait(numbers, record)),
         Section("Ground and drive", _loads(numbers, record)),
@@ -72,25 +72,6 @@ def cut(record: GaitRecord, start: float, end: float) -> GaitRecord:
     here = (record.time >= start) & (record.time <= end)
     arrays = {f.name: getattr(record, f.name)[here] for f in fields(record) if f.name != "drive"}
     return replace(record, **arrays)
-
-
-def _cards(file: ParameterFile) -> Cards:
-    trials = f"over {file.perturbed.trials} perturbed trials" if file.perturbed else ""
-    cards = []
-    for name, (label, factor, unit, form) in HEADLINES.items():
-        metric = file.metrics.get(name)
-        if metric is None:
-            continue
-        spread = metric.spread
-        if isinstance(metric.value, bool):
-            note = f"{percent(spread.mean)} {trials}" if spread else ""
-            cards.append(
-                Card(label, "yes" if metric.value else "no", note=note, tone="good" if metric.value else "bad")
-            )
-        else:
-            note = f"{factor * spread.mean:{form}} ± {factor * spread.std:{form}} {trials}" if spread else ""
-            cards.append(Card(label, minus(f"{factor * metric.value:{form}}"), unit, minus(note)))
-    return Cards(cards)
 
 
 def _summary(file: ParameterFile, numbers: RobotNumbers, record: GaitRecord) -> str:

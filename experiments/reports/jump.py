@@ -21,7 +21,7 @@ from experiments.reports.page import (
     percent,
     write_report,
 )
-from experiments.reports.parameters import one_line, parameter_table, provenance
+from experiments.reports.parameters import Headlines, gate_card, metric_cards, one_line, parameter_table, provenance
 from experiments.reports.playback import Playback, Track
 from experiments.reports.recording import (
     JUMP_PHASES,
@@ -39,8 +39,7 @@ SNAPSHOTS = 8
 AFTER_LANDING = 0.35  # s of landing and standing that the strip of pictures shows
 AFTER_TAKE_OFF = 0.03  # s of the flight shown where the launch is the subject
 
-# metric: (label, factor to the unit shown, unit shown, format)
-HEADLINES = {
+HEADLINES: Headlines = {
     "apex_height": ("Apex of the torso", 1.0, "m", ".2f"),
     "landed": ("Landed", 1.0, "", ""),
     "rebound_time": ("Rebound", 1e3, "ms", ".0f"),
@@ -84,30 +83,11 @@ def leg_length(numbers: RobotNumbers) -> float:
 
 
 def _cards(file: ParameterFile, record: JumpRecord, ideal: JumpRecord | None) -> Cards:
-    trials = f"over {file.perturbed.trials} perturbed trials" if file.perturbed else ""
-    cards = []
-    for name, (label, factor, unit, form) in HEADLINES.items():
-        metric = file.metrics.get(name)
-        if metric is None:
-            continue
-        spread = metric.spread
-        if isinstance(metric.value, bool):
-            note = f"{percent(spread.mean)} {trials}" if spread else ""
-            tone = "good" if metric.value else "bad"
-            cards.append(Card(label, "yes" if metric.value else "no", note=note, tone=tone))
-        else:
-            note = f"{factor * spread.mean:{form}} ± {factor * spread.std:{form}} {trials}" if spread else ""
-            cards.append(Card(label, minus(f"{factor * metric.value:{form}}"), unit, minus(note)))
+    cards = metric_cards(file, HEADLINES)
     if ideal is not None:
         note = f"{ideal.apex - record.apex:+.2f} m with the same parameters"
         cards.append(Card("On the ideal drive", f"{ideal.apex:.2f}", "m", minus(note)))
-    if file.robustness_gate is not None:
-        gate = file.robustness_gate
-        low, high = gate.ci95
-        note = f"95 %: {percent(low, 1)} to {percent(high, 1)}; at least {percent(gate.required, 1)} required"
-        tone = "good" if gate.passed else "bad"
-        cards.append(Card("Robustness gate", percent(gate.success_rate, 1), note=note, tone=tone))
-    return Cards(cards)
+    return Cards(cards + gate_card(file))
 
 
 def _summary(file: ParameterFile, numbers: RobotNumbers, record: JumpRecord, ideal: JumpRecord | None) -> str:

@@ -1,7 +1,41 @@
-"""What every report of a tuned motion says of its parameter file: the run in a line, the values, the provenance."""
+"""What every report of a tuned motion says of its parameter file: figures, the run in a line, values, provenance."""
+
+from collections.abc import Mapping
 
 from experiments.parameter_file import ParameterFile
-from experiments.reports.page import Block, Code, Columns, Range, Table, number
+from experiments.reports.page import Block, Card, Code, Columns, Range, Table, minus, number, percent
+
+Headlines = Mapping[str, tuple[str, float, str, str]]
+"""Metric -> label, factor to the unit shown, unit shown, format."""
+
+
+def metric_cards(file: ParameterFile, headlines: Headlines) -> list[Card]:
+    """Those of the metrics that the file has, with their spread over the perturbed trials."""
+    trials = f"over {file.perturbed.trials} perturbed trials" if file.perturbed else ""
+    cards = []
+    for name, (label, factor, unit, form) in headlines.items():
+        metric = file.metrics.get(name)
+        if metric is None:
+            continue
+        spread = metric.spread
+        if isinstance(metric.value, bool):
+            note = f"{percent(spread.mean)} {trials}" if spread else ""
+            tone = "good" if metric.value else "bad"
+            cards.append(Card(label, "yes" if metric.value else "no", note=note, tone=tone))
+        else:
+            note = f"{factor * spread.mean:{form}} ± {factor * spread.std:{form}} {trials}" if spread else ""
+            cards.append(Card(label, minus(f"{factor * metric.value:{form}}"), unit, minus(note)))
+    return cards
+
+
+def gate_card(file: ParameterFile) -> list[Card]:
+    """The verdict of the robustness gate, if there was one."""
+    gate = file.robustness_gate
+    if gate is None:
+        return []
+    low, high = gate.ci95
+    note = f"95 %: {percent(low, 1)} to {percent(high, 1)}; at least {percent(gate.required, 1)} required"
+    return [Card("Robustness gate", percent(gate.success_rate, 1), note=note, tone="good" if gate.passed else "bad")]
 
 
 def one_line(file: ParameterFile) -> str:

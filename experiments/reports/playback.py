@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 from markupsafe import Markup
+from scipy.spatial.transform import Rotation
 
 from experiments.reports.page import Page, embedded_json
 from mjx_starleth.names import FORE_SIGN, LEFT_SIGN, LEGS
@@ -87,7 +88,7 @@ class Playback:
 def leg_points(q: np.ndarray, numbers: RobotNumbers) -> np.ndarray:
     """World positions of HFE axis, knee and foot centre, (T, 4, 3, 3), from coordinates (T, 19)."""
     b = numbers.bodies
-    rotation = rotation_matrix(q[:, 3:7])
+    rotation = Rotation.from_quat(q[:, 3:7], scalar_first=True).as_matrix()
     angle = q[:, 7:].reshape(-1, 4, 3)
     hip = np.array([(f * b.haa_in_torso.x, s * b.haa_in_torso.y, b.haa_in_torso.z) for f, s in _SIDES])
 
@@ -102,17 +103,6 @@ def leg_points(q: np.ndarray, numbers: RobotNumbers) -> np.ndarray:
     foot = knee + below(angle[..., 1] + angle[..., 2], b.foot.centre_from_knee)
     points = np.stack([hfe, knee, foot], 2)
     return q[:, None, None, :3] + np.einsum("tij,tlkj->tlki", rotation, points)
-
-
-def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
-    """(T, 3, 3) from unit quaternions w x y z (T, 4)."""
-    w, x, y, z = np.moveaxis(np.asarray(quaternion, np.float64), -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def frames(track: Track, numbers: RobotNumbers) -> np.ndarray:

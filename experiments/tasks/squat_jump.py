@@ -15,9 +15,10 @@ from experiments.files import shown
 from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
-from experiments.sensing import CONTACT_FORCE, rotation_matrix
+from experiments.sensing import CONTACT_FORCE
 from experiments.tasks.definition import TaskDefinition, check_weights
 from experiments.trial import Trial
+from mjx_starleth.rotation import rotation_matrix
 from mjx_starleth.terrain import ground_contact
 
 Array = jax.Array
