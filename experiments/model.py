@@ -73,10 +73,8 @@ class Model(_Strict):
         return JOINT_NAMES if self.joint is None else (self.joint.name,)
 
     def hash(self) -> str:
-        """What the robot is, in 16 hexadecimal digits: numbers and effects, not provenance or intervals."""
-        numbers = self.numbers.model_dump(mode="json") if self.numbers else None
-        if numbers:
-            numbers.pop("about", None)
+        """What the robot is, in 16 hexadecimal digits: numbers and effects; not prose, provenance or intervals."""
+        numbers = self.numbers.model_dump(mode="json", exclude={"about", "sources"}) if self.numbers else None
         identity = {
             "numbers": numbers,
             "joint": self.joint.model_dump(mode="json") if self.joint else None,

@@ -1,7 +1,7 @@
 """The robot's numbers file: its schema, and reading it.
 
 Every model here has exactly the keys of starleth.json; units are SI, angles radians. Where the values come from
-and how sure they are stands in the README.
+and how sure they are stands under `sources` in that file.
 """
 
 import json
@@ -119,7 +119,7 @@ class Stance(_Numbers):
 
 
 class DriveNumbers(_Numbers):
-    """Motor, gear and spring of one drive (FACTS of every value: README)."""
+    """Motor, gear and spring of one drive."""
 
     gear_ratio: Positive
     torque_constant: Positive
@@ -197,6 +197,7 @@ class RobotNumbers(_Numbers):
     default_stance: Stance
     drive: DriveNumbers
     loops: LoopNumbers
+    sources: dict[str, str] = {}  # path of a value, or of what it is part of -> where it comes from; prose
 
 
 def load_numbers(path: str | Path | None = None) -> RobotNumbers:

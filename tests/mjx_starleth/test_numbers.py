@@ -21,6 +21,27 @@ def changed(path: str, value) -> dict:
     return data
 
 
+def paths(data: dict, above: str = "") -> list[str]:
+    """Of every value of the file."""
+    found = []
+    for key, value in data.items():
+        found += paths(value, f"{above}{key}.") if isinstance(value, dict) else [f"{above}{key}"]
+    return found
+
+
+def test_every_value_has_a_source_and_every_source_a_value():
+    values = paths({key: value for key, value in RAW.items() if key not in ("about", "sources")})
+    places = [name for name in RAW["sources"] if not name.isupper()]
+
+    def covers(place, value):
+        return value == place or value.startswith(f"{place}.")
+
+    for value in values:
+        assert sum(covers(place, value) for place in places) == 1, value
+    for place in places:
+        assert any(covers(place, value) for value in values), place
+
+
 def test_the_dump_is_the_file():
     assert json.loads(json.dumps(load_numbers().model_dump())) == RAW
 
