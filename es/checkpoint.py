@@ -50,8 +50,8 @@ class Checkpointer:
     `identity` is what the search itself does not know but what must be the same when it is resumed: task, model hash,
     number of trials, ... (JSON values). `notify` gets one sentence for each damaged checkpoint that was passed over.
     A checkpoint costs 35 ms on a quiet machine and more on a busy disk, so one is made only when the last is
-    `seconds_between` old: work lost by a kill is
-    computed again, to the same bits. In a run of several processes only the first writes.
+    `seconds_between` old: work lost by a kill is computed again, to the same bits. In a run of several processes only
+    the first writes.
     """
 
     def __init__(

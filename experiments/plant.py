@@ -167,7 +167,11 @@ def joined(
 
 
 def link_motion(state: PlantState) -> JointMotion:
-    """The links seen by their drives; each bearing of a leg carries the leg's contact force."""
+    """The links seen by their drives.
+
+    The load of each bearing of a leg is taken as the size of the leg's whole contact force: its part along the axis
+    counts, weight and inertia of the links do not.
+    """
     q, u = state.bodies.q, state.bodies.u
     load = jnp.repeat(jnp.sqrt((state.contact_force**2).sum(-1) + 1e-6), 3)
     return JointMotion(q[7:], u[6:], jnp.zeros_like(load), load)

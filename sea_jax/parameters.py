@@ -14,10 +14,9 @@ from sea_jax.types import Array
 
 @dataclass(frozen=True)
 class LoopPeriods:
-    """Periods of the nested loops, s. Static: they decide how long the scans are. Each must hold a whole
-    number of the next.
+    """Periods of the nested loops, s. Static: they decide how long the scans are.
 
-    Raises ValueError if they do not divide.
+    Each must hold a whole number of the next; raises ValueError if it does not.
     """
 
     control: float = 2.5e-3
