@@ -87,8 +87,8 @@ class Checkpointer:
     def save(self, generation: int, arrays: Mapping[str, np.ndarray]) -> None:
         """Write the checkpoint of `generation` atomically and drop all but the last few. Raises CheckpointError.
 
-        Done in a thread of its own, which a KeyboardInterrupt does not touch: orbax's threads would write on without it.
-        The lock is for the next save, should the interrupt have come before this one could be waited for.
+        Done in a thread of its own, which a KeyboardInterrupt does not touch: orbax's threads would write on without
+        it. The lock is for the next save, should the interrupt have come before this one could be waited for.
         """
         if jax.process_index() != 0:
             return

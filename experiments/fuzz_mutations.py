@@ -1,4 +1,4 @@
-"""Hostile versions of a good file: torn, flipped, spliced, and, where the format is known, wrong in a place that counts."""
+"""Hostile versions of a good file: torn, flipped, spliced; where the format is known, wrong in a place that counts."""
 
 import copy
 import gzip

@@ -105,7 +105,8 @@ def load_model(path: Path | None, effects: dict[str, Effect] = LIBRARY) -> Model
         content = {"schema_version": SCHEMA_VERSION, "numbers": content}
     if content.get("schema_version") != SCHEMA_VERSION:
         raise UserError(
-            f"{shown(path)} has model schema version {shown(str(content.get('schema_version')))}; this program reads {SCHEMA_VERSION}."
+            f"{shown(path)} has model schema version {shown(str(content.get('schema_version')))}; this program reads "
+            f"{SCHEMA_VERSION}."
         )
     try:
         model = Model.model_validate(content)
@@ -136,7 +137,8 @@ def _check_effect(placed: PlacedEffect, effect: Effect, joint_names: tuple[str, 
     unknown = set(placed.parameters) - set(known)
     if unknown:
         raise UserError(
-            f"{shown(path)}: effect {placed.effect} has no parameter '{shown(min(unknown))}'; it has {', '.join(known)}."
+            f"{shown(path)}: effect {placed.effect} has no parameter '{shown(min(unknown))}'; it has "
+            f"{', '.join(known)}."
         )
     for name, value in placed.values().items():
         low, high = known[name].low, known[name].high

@@ -244,9 +244,9 @@ def _refuse_ungated(file: ParameterFile, name: str) -> None:
         )
     if not verdict.passed:
         raise UserError(
-            f"{name} failed its robustness gate ({verdict.success_rate:.1%} of {verdict.trials} trials succeeded, so at "
-            f"least {verdict.ci95[0]:.1%} with 95 % confidence; {verdict.required:.1%} required); tune a more robust "
-            "motion, or allow ungated files."
+            f"{name} failed its robustness gate ({verdict.success_rate:.1%} of {verdict.trials} trials succeeded, so "
+            f"at least {verdict.ci95[0]:.1%} with 95 % confidence; {verdict.required:.1%} required); tune a more "
+            "robust motion, or allow ungated files."
         )
 
 

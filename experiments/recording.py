@@ -14,7 +14,7 @@ from experiments.rollout import Tick
 
 
 def until_divergence(ticks: Tick) -> Tick:
-    """The ticks (NumPy leaves) before the rollout diverges, all where it does not. Raises UserError for less than two."""
+    """The ticks (NumPy leaves) before the rollout diverges, or all. Raises UserError for less than two."""
     alive = int(np.asarray(ticks.alive).sum())
     if alive < 2:
         raise UserError("The motion diverges from the first moment on: there is nothing to show.")

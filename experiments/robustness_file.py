@@ -91,8 +91,8 @@ class RobustnessFile(_Record):
     worst: list[WorstTrial]
     sensitivity: list[Sensitivity]
     margins: dict[Name, Spread] = Field(
-        description="distance to the nominal robot's limits at the tightest moment of the trials that succeed (of all, if "
-        "none does); 0 is at the limit, below it is beyond"
+        description="distance to the nominal robot's limits at the tightest moment of the trials that succeed (of all, "
+        "if none does); 0 is at the limit, below it is beyond"
     )
     metrics: dict[Name, Spread]
     survival: list[SurvivalCurve]

@@ -65,8 +65,8 @@ def plan(
         raise UserError("This model is a single joint on a bench: it has no legs to try a motion on.")
     if required is not None and file.model_hash != model.hash():
         raise UserError(
-            f"{shown(path)} was tuned on the model {file.model_hash}, not on {model.hash()}: a gate speaks for the model "
-            "it was tuned on; give that model file, or leave --gate away."
+            f"{shown(path)} was tuned on the model {file.model_hash}, not on {model.hash()}: a gate speaks for the "
+            "model it was tuned on; give that model file, or leave --gate away."
         )
     definition = task_of(file, path, task)
     if drive is not None and drive not in DRIVES:

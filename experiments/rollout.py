@@ -1,4 +1,4 @@
-"""The closed loop of one trial: sense, control, drive, move, score, for a fixed number of 2.5 ms ticks (paper Fig. 2)."""
+"""The closed loop of one trial: sense, control, drive, move, score, for so many ticks of 2.5 ms (paper Fig. 2)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -18,7 +18,7 @@ from mjx_starleth.terrain import Terrain
 Array = jax.Array
 
 # Sensor noise is one stream of rows: row i is the sum of rows i of two short tables that repeat at lengths without a
-# common divisor, over root two. So the tables stay in the cache, and the windows of two trials are hardly ever the same.
+# common divisor, over root two. So the tables stay in the cache, and two trials hardly ever have the same window.
 TABLE_ROWS = (4096, 4093)
 NOISE_ROWS = TABLE_ROWS[0] * TABLE_ROWS[1]  # rows before the stream repeats: 11 hours of control periods
 NOISE_COLUMNS = 64

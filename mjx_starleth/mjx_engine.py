@@ -125,7 +125,7 @@ def _joint_stops(params: BodyParams, q: Array, u: Array) -> tuple[Array, Array]:
 
 
 def _solve3(rows: Array, b: Array) -> Array:
-    """x of rows (..., 3, 3) x = b (..., 3), by Cramer's rule; zero where singular (a straight leg feels no axial force)."""
+    """x of rows (..., 3, 3) x = b (..., 3), by Cramer's rule; zero where singular: no axial force of a straight leg."""
     r0, r1, r2 = rows[..., 0, :], rows[..., 1, :], rows[..., 2, :]
     c0, c1, c2 = cross(r1, r2), cross(r2, r0), cross(r0, r1)
     determinant = total(r0 * c0)

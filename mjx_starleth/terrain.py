@@ -104,7 +104,7 @@ def ground_contact(terrain: Terrain, r_WF: Array, radius: Array, friction: Array
 
 
 def obstacle_profile(terrain: Terrain, k: int, local: Array) -> tuple[Array, Array]:
-    """Shape of obstacle k at places (n, 2) in its own axes: fraction of its height (n,), gradient of that (n, 2) 1/m."""
+    """Obstacle k at places (n, 2) in its own axes: fraction of its height (n,), gradient of that (n, 2) 1/m."""
     flank = terrain.obstacle_flank[k]
     t = jnp.clip((terrain.obstacle_half_size[k][None] - jnp.abs(local)) / flank + 0.5, 0, 1)
     f = t * t * (3 - 2 * t)

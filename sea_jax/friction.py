@@ -22,9 +22,9 @@ class Friction(NamedTuple):
 def coulomb_level(params: DriveParams, radial_load: Array) -> Array:
     """Coulomb torque at the rotor, N m: gear, and bearing by the size of its load, N.
 
-    An approximation: friction of the joint's bearing (paper IV.5) opposes the joint's speed (FACTS 2.2); here it opposes
-    the rotor's and acts before the spring. That is the same, reflected through the gear, while both move together; where
-    the spring lets the joint move and the motor stands, the link feels none of it.
+    An approximation: friction of the joint's bearing (paper IV.5) opposes the joint's speed (FACTS 2.2); here it
+    opposes the rotor's and acts before the spring. That is the same, reflected through the gear, while both move
+    together; where the spring lets the joint move and the motor stands, the link feels none of it.
     """
     return params.friction_coulomb + params.bearing_friction * jnp.abs(radial_load) / params.gear_ratio
 

@@ -66,9 +66,9 @@ class DriveHooks(NamedTuple):
     """Functions spliced into the drive's equations, in order; each is closed over its own parameters.
 
     A hook takes (value, signals, memory) and returns (value, memory). `signals` is the NamedTuple `Signals`.
-    Once a control period: command, measurement, commanded_velocity. Once a step of the motor (full drive: current-loop period), in
-    this order: supply_voltage, deflection, spring, motor_torque, friction. Deflection and spring are called once
-    more at the end of the period, for its end torque; that call's memory is not kept.
+    Once a control period: command, measurement, commanded_velocity. Once a step of the motor (full drive: current-loop
+    period), in this order: supply_voltage, deflection, spring, motor_torque, friction. Deflection and spring are called
+    once more at the end of the period, for its end torque; that call's memory is not kept.
     """
 
     command: tuple[Hook, ...] = ()  # JointCommand -> JointCommand

@@ -1,4 +1,4 @@
-"""What the README shows is what there is: its commands are understood, its example effect is the file in the package."""
+"""What the README shows is what there is: its commands are understood, its example effect is the package's file."""
 
 import re
 import shlex

@@ -11,9 +11,9 @@ from experiments.cli.signals import terminate_as_interrupt
 
 HELP = """Try a tuned motion under thousands of perturbations and say how often it succeeds.
 
-Every trial draws masses, friction, springs, motors, delays, sensor noise and bias, pushes, slopes, obstacles and battery
-voltage from the laws in a readable file. It leaves in the output folder: robustness.json, report.html, and every trial
-as a table (trials/*.parquet). A trial is known by its seed and index and can be run again alone.
+Every trial draws masses, friction, springs, motors, delays, sensor noise and bias, pushes, slopes, obstacles and
+battery voltage from the laws in a readable file. It leaves in the output folder: robustness.json, report.html, and
+every trial as a table (trials/*.parquet). A trial is known by its seed and index and can be run again alone.
 
 The perturbations: rough (the default), well_kept (what tune judges with), or your own file, in the form of these.
 

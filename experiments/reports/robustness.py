@@ -1,4 +1,4 @@
-"""The report of `starleth robustness`: how often a motion succeeds, what makes it fail, how close it is to the limits."""
+"""The report of `starleth robustness`: how often a motion succeeds, what makes it fail, how near the limits are."""
 
 from pathlib import Path
 from typing import Final
@@ -80,7 +80,8 @@ def _summary(file: RobustnessFile) -> str:
         text += f" What decides the cost most: {', '.join(strong)}."
     narrow = min(file.margins.items(), key=lambda item: item[1].p05)
     left = f"{number(narrow[1].p05)} {_unit(narrow[1].unit)}".strip()
-    return f"{text} Closest to its limit in the trials that succeed: {_margin_name(narrow[0])} ({left} left, 5 % quantile)."
+    text += f" Closest to its limit in the trials that succeed: {_margin_name(narrow[0])}"
+    return f"{text} ({left} left, 5 % quantile)."
 
 
 def _survival(file: RobustnessFile) -> list[Block]:
@@ -98,8 +99,8 @@ def _survival(file: RobustnessFile) -> list[Block]:
     figure.update_layout(showlegend=False)
     caption = (
         "Share of the trials that succeed, over the size of each disturbance while all others vary too; the band is "
-        "the 95 % interval of each point. Those that most surely change the success come first. Sideways pushes and slopes "
-        "are taken by their size."
+        "the 95 % interval of each point. Those that most surely change the success come first. Sideways pushes and "
+        "slopes are taken by their size."
     )
     return [Figure(figure, caption)]
 
@@ -144,8 +145,8 @@ def _sensitivity(file: RobustnessFile, sample: Trials) -> list[Block]:
     explained = sum(s.share for s in file.sensitivity)
     caption = (
         "What each perturbation explains alone of how the trials rank by cost (Kruskal and Wallis over ten bins). "
-        f"Orange: more of it is worse; green: more is better; blue: neither, off to both sides; grey: not told from chance. Together {percent(explained)}; "
-        "the rest are interactions, and what sensor noise does."
+        "Orange: more of it is worse; green: more is better; blue: neither, off to both sides; grey: not told from "
+        f"chance. Together {percent(explained)}; the rest are interactions, and what sensor noise does."
     )
     return [
         Figure(figure, caption),
@@ -192,9 +193,9 @@ def _margins(file: RobustnessFile) -> list[Block]:
     figure.update_layout(hovermode="closest", margin={"t": 16})
     figure.update_xaxes(title="left at the tightest moment of a trial")
     caption = (
-        "How much of each limit is left at the tightest moment of the trials that succeed: the median, 5 to 95 %, and the "
-        "whole range. Shares of the nominal limit, for joint stops radians. At 0 the limit is reached; below, the feet's "
-        "impacts drive springs, motors or joints beyond what was commanded."
+        "How much of each limit is left at the tightest moment of the trials that succeed: the median, 5 to 95 %, and "
+        "the whole range. Shares of the nominal limit, for joint stops radians. At 0 the limit is reached; below, the "
+        "feet's impacts drive springs, motors or joints beyond what was commanded."
     )
     return [Figure(figure, caption), _spreads(file)]
 

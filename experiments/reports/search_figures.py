@@ -57,7 +57,9 @@ def convergence(history: History) -> go.Figure:
 def descent(costs: np.ndarray) -> go.Figure:
     """True cost over the steps of a refinement."""
     figure = new_figure(height=300)
-    figure.add_trace(line(np.arange(len(costs)), costs, "cost", BLUE, width=2.4, showlegend=False).update(line_shape="hv"))
+    figure.add_trace(
+        line(np.arange(len(costs)), costs, "cost", BLUE, width=2.4, showlegend=False).update(line_shape="hv")
+    )
     figure.update_xaxes(title="step of the refinement")
     figure.update_yaxes(title="cost")
     return figure

@@ -1,9 +1,9 @@
 """A gait as a task with a smooth cost, over one stride once it has settled in.
 
 Every touch-down makes slopes longer: over the start of a walking trot and two strides by a factor of 1e4, and what is
-left tells nothing of where to go. So the true rollout brings the robot to its stride, and from that state, which is held
-as it is, the smooth one takes the slope of the next. A fall has no slope: that term counts in the true cost alone,
-which decides what is kept.
+left tells nothing of where to go. So the true rollout brings the robot to its stride, and from that state, which is
+held as it is, the smooth one takes the slope of the next. A fall has no slope: that term counts in the true cost
+alone, which decides what is kept.
 """
 
 from dataclasses import dataclass

@@ -198,7 +198,7 @@ def as_float(condition: Array) -> Array:
 
 
 def make_task(definition: TaskDefinition, model: Model) -> SquatJumpTask:
-    """The task on a robot's numbers. Raises UserError for wrong weights, parameters, settings or a duration too short."""
+    """The task on a robot's numbers. Raises UserError: weights, parameters, settings, a duration too short."""
     check_weights(definition.weights, TERMS, definition.task)
     names = tuple(parameter.name for parameter in definition.parameters)
     if names != PARAMETERS:

@@ -1,7 +1,7 @@
 """Run by test_distributed.py: one process of a search whose cost is cheap, with everything else as in tune.
 
-Arguments: address (or 'cluster'), processes, process, run folder, generation in which this process stops (0: none), seed.
-The first process prints the hash of the whole result.
+Arguments: address (or 'cluster'), processes, process, run folder, generation in which this process stops (0: none),
+seed. The first process prints the hash of the whole result.
 """
 
 import hashlib

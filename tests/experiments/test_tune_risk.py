@@ -1,4 +1,4 @@
-"""Robust search: the same trials for all candidates of a generation, judged by the risk that was asked for; the gate."""
+"""Robust search: the same trials for all candidates of a generation, judged by the risk asked for; the gate."""
 
 from types import SimpleNamespace
 
