@@ -18,7 +18,7 @@ from experiments.rollout import Rollout, Score, Tick
 from experiments.sensing import CONTACT_FORCE, rotation_matrix
 from experiments.smooth import gait
 from experiments.smooth.laws import WIDTHS, Widths, softplus, step
-from experiments.tasks.gait import CONE_EDGE, STOP_MARGIN, GaitTask
+from experiments.tasks.gait import CONE_EDGE, GaitTask
 from experiments.trial import Trial
 
 Array = jax.Array
@@ -88,8 +88,8 @@ class SmoothGait(GaitTask):
         rates = u[3:6] - (R * info.torso.omega_W[:, None]).sum(0)
         slide = (jnp.sqrt((bodies.slip_velocity**2).sum(-1) + TINY) * pressed).sum()
         limits, joints = self.settings.geometry.position_limits, q[7:]
-        beyond = softplus(limits[:, 0] + STOP_MARGIN - joints, w.angle)
-        beyond = beyond + softplus(joints - limits[:, 1] + STOP_MARGIN, w.angle)
+        beyond = softplus(limits[:, 0] - joints, w.angle)
+        beyond = beyond + softplus(joints - limits[:, 1], w.angle)
         now = SmoothGaitTally(
             flight=jnp.prod(1.0 - pressed),
             schedule=jnp.sqrt((pressed - info.support) ** 2 + TINY).mean(),

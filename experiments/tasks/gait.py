@@ -41,7 +41,6 @@ TERMS = (
 FALLEN_HEIGHT = 0.2  # m, torso above the lowest foot's centre: lower than any gait
 FALLEN_TILT = 0.6  # cosine of the angle between torso and ground
 CONE_EDGE = 0.8  # share of the friction cone beyond which a desired force is charged (FACTS 3.5)
-STOP_MARGIN = 0.05  # rad, software margin before the joint stops (FACTS 1)
 SETTLING_TIME = 1.0  # s from the end of the blend until the gait is judged
 
 
@@ -148,7 +147,7 @@ class GaitTask:
         rates = u[3:6] - (R * info.torso.omega_W[:, None]).sum(0)
         slide = (jnp.sqrt((bodies.slip_velocity**2).sum(-1) + 1e-12) * as_float(pressed)).sum()
         limits = self.settings.geometry.position_limits
-        low, high = limits[:, 0] + STOP_MARGIN - q[7:], q[7:] - limits[:, 1] + STOP_MARGIN
+        low, high = limits[:, 0] - q[7:], q[7:] - limits[:, 1]
         use = jnp.sqrt((info.force_C[:, :2] ** 2).sum(-1) + 1e-12) / jnp.maximum(info.force_C[:, 2], 1.0)
         use = use / self.settings.distribution.friction
         return GaitTally(
