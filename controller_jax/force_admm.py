@@ -42,12 +42,12 @@ def admm(
     D = PENALTY * mm(rows_T, rows) + W[:, None, None] * jnp.eye(3)[None]
     D_inverse = inverse3(D) * (load > 0.0).astype(D.dtype)[:, None, None]
     AD = sum(A[:, :, k, None] * D_inverse[None, :, k] for k in range(3)).reshape(6, 12)  # A D^-1
-    L = cholesky(jnp.eye(6) + AD @ A.reshape(6, 12).T)
+    L = cholesky(jnp.eye(6) + mm(AD, A.reshape(6, 12).T))
     correction = solve_cholesky(L, AD)  # M^-1 A D^-1
 
     def x_step(pull: Array) -> Array:
         x = mv(D_inverse, mtv(rows, PENALTY * pull))
-        return x + ((problem.b - weighted_wrench(problem, x)) @ correction).reshape(4, 3)
+        return x + mtv(correction, problem.b - weighted_wrench(problem, x)).reshape(4, 3)
 
     def iterate(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
         z, y = carry

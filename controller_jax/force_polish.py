@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from controller_jax.force_problem import UNBOUNDED, ForceProblem, pull_inside, weighted_wrench
-from controller_jax.rotations import TINY, dot, mtv, mv
+from controller_jax.rotations import TINY, dot, mm, mtv, mv
 from controller_jax.small_linalg import cholesky, solve_cholesky
 from controller_jax.types import Array
 
@@ -137,12 +137,12 @@ def _best_on_faces(problem: ForceProblem, basis: Basis, nu: Array) -> tuple[Arra
     A_u = sum(A[:, :, None, k] * u[None, :, :, k] for k in range(3))  # (6, 4, 3)
     A_P = A - sum(A_u[:, :, k, None] * u[None, :, k] for k in range(3))
     A_P_load = A_P * load[None, :, None]
-    M = jnp.maximum(W, FLOOR) * jnp.eye(6) + A_P_load.reshape(6, 12) @ A_P.reshape(6, 12).T
+    M = jnp.maximum(W, FLOOR) * jnp.eye(6) + mm(A_P_load.reshape(6, 12), A_P.reshape(6, 12).T)
     c = mtv(u, basis.a) * (load > 0.0).astype(u.dtype)[:, None]
 
     def force(nu: Array) -> Array:
         # projected twice: A^T nu may be 1e7 times what must remain of it
-        along = (nu @ A_P_load.reshape(6, 12)).reshape(4, 3)
+        along = mtv(A_P_load.reshape(6, 12), nu).reshape(4, 3)
         return c + along - mtv(u, mv(u, along))
 
     # the last step's nu is refined, not thrown away
@@ -151,7 +151,7 @@ def _best_on_faces(problem: ForceProblem, basis: Basis, nu: Array) -> tuple[Arra
     best = force(nu)
     # the wrench that is missed balances the faces: W nu at the solution, but without nu's error
     missed = problem.b - weighted_wrench(problem, best)
-    pressed = (missed @ A_u.reshape(6, 12)).reshape(4, 3) - W * basis.a / jnp.where(load > 0.0, load, 1.0)[:, None]
+    pressed = mtv(A_u.reshape(6, 12), missed).reshape(4, 3) - W * basis.a / jnp.where(load > 0.0, load, 1.0)[:, None]
     return best, nu, pressed
 
 

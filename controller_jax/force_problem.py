@@ -120,7 +120,7 @@ def _interior(friction: Array, minimal: Array, J: Array, rows: Array, lower: Arr
 
 def weighted_wrench(problem: ForceProblem, force: Array) -> Array:
     """A force (6,) of forces (4, 3)."""
-    return problem.A.reshape(6, 12) @ force.reshape(12)
+    return mv(problem.A.reshape(6, 12), force.reshape(12))
 
 
 def pull_inside(problem: ForceProblem, force: Array) -> Array:

@@ -298,8 +298,8 @@ def _torso_target(
 def _gains(settings: SquatJumpSettings, params: SquatJumpParams, state: SquatJumpState) -> Gains:
     """Landing gains from touch-down on; in the launch the searched vertical damping."""
     before, after = settings.launch_gains, settings.landing_gains
-    damping = before.force_d.at[2].set(jnp.where(state.phase == LAUNCH, params.vertical_damping, before.force_d[2]))
-    before = before._replace(force_d=damping)
+    vertical = jnp.where(state.phase == LAUNCH, params.vertical_damping, before.force_d[2])
+    before = before._replace(force_d=jnp.stack([before.force_d[0], before.force_d[1], vertical]))
     return Gains(*(jnp.where(state.phase == LANDING, b, a) for a, b in zip(before, after, strict=True)))
 
 

@@ -1,4 +1,4 @@
-"""The population axis lives here and nowhere else: vmap inside a chunk, chunks in turn, chunks over devices.
+"""The population axis lives here and in lanes.py: members of a chunk at once, chunks in turn, chunks over devices.
 
 A chunk is the unit that is compiled, for one device. The CPU devices of a process are the same cores under several
 names: there, one compiled program is run by as many threads as devices were asked for; every accelerator has its own
@@ -15,7 +15,9 @@ import jax
 import numpy as np
 from jax.sharding import AxisType
 
-CHUNK = 16  # environments per device whose working set stays in cache (README, `starleth bench`)
+from experiments.lanes import lanes
+
+CHUNK = 8  # environments per device: float32 lanes of one AVX2 register (`starleth bench`)
 ACCELERATOR_CHUNK = 512  # the same for a device with lanes to fill and a memory of its own
 
 
@@ -36,7 +38,17 @@ def chunk_on(mesh: jax.sharding.Mesh, cpu_chunk: int) -> int:
     return cpu_chunk if mesh.devices.flat[0].platform == "cpu" else max(cpu_chunk, ACCELERATOR_CHUNK)
 
 
-def batched(function: Callable[..., Any], mesh: jax.sharding.Mesh, chunk: int = CHUNK) -> Callable[[Any, Any], Any]:
+def members_first(function: Callable[..., Any]) -> Callable[[Any, Any], Any]:
+    """`jax.vmap` over members, for functions of libraries that are written for it."""
+    return lambda shared, members: jax.vmap(lambda member: function(shared, member))(members)
+
+
+def batched(
+    function: Callable[..., Any],
+    mesh: jax.sharding.Mesh,
+    chunk: int = CHUNK,
+    together: Callable[[Callable[..., Any]], Callable[[Any, Any], Any]] = lanes,
+) -> Callable[[Any, Any], Any]:
     """`function(shared, member) -> output` over a leading member axis, padded to whole chunks.
 
     Returns `run(shared, members) -> outputs`; `members` and `outputs` are pytrees with a leading axis of any
@@ -44,7 +56,7 @@ def batched(function: Callable[..., Any], mesh: jax.sharding.Mesh, chunk: int = 
     """
     devices = list(mesh.devices.flat)
     places = devices[:1] * len(devices) if devices[0].platform == "cpu" else devices
-    program = jax.jit(lambda shared, members: jax.vmap(lambda m: function(shared, m))(members))
+    program = jax.jit(together(function))
     compiled: dict[Any, dict[jax.Device, Any]] = {}
     lock = threading.Lock()  # a program may be wanted while it is being compiled ahead
 

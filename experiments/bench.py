@@ -19,8 +19,9 @@ from controller_jax.force_distribution import distribute_forces, init_distributi
 from controller_jax.force_problem import SupportLegs
 from controller_jax.joint_torques import weight_torque
 from controller_jax.leg_kinematics import leg_kinematics
-from experiments.batch import batched, device_mesh
+from experiments.batch import batched, device_mesh, members_first
 from experiments.imu_sensing import make_sensing
+from experiments.lanes import lanes
 from experiments.model import Model
 from experiments.plant import make_plant
 from experiments.rollout import Rollout
@@ -36,11 +37,11 @@ from sea_jax import JointCommand, JointMeasurement, JointMotion
 ROUNDS = 5
 KP, KD = 100.0, 2.0  # joint servo of the entries without a controller, as in the MuJoCo C run
 CHUNKS = {
-    "bodies": 32,
-    "drive": 32,
-    "force_distribution": 32,
-    "closed_loop": 32,
-    "gait_closed_loop": 32,
+    "bodies": 8,
+    "drive": 8,
+    "force_distribution": 8,
+    "closed_loop": 8,
+    "gait_closed_loop": 8,
     "mjx_step": 16,
 }
 
@@ -238,7 +239,8 @@ def _entry(name: str, body: tuple[Callable, Any], ticks: int, mesh: jax.sharding
     width, chunk = mesh.devices.size, CHUNKS[name]
     size = batch or (chunk * width if name == "mjx_step" else 2 * chunk * width)
     members = np.linspace(0.0, 0.1, size, dtype=np.float32)
-    program = batched(function, mesh, min(chunk, size))
+    together = members_first if name == "mjx_step" else lanes
+    program = batched(function, mesh, min(chunk, size), together)
     return Entry(name, size, ticks, width, lambda: program(shared, members))
 
 

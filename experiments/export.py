@@ -1,5 +1,6 @@
 """What a tuned motion leaves behind: the robot's parameter file, the motion, the report."""
 
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -61,7 +62,10 @@ def export(
     if refinement is not None:
         fields["search"] |= refinement_fields(refinement)
     file = write_parameters(run / "parameters.json", **fields)
-    record = record_motion(evaluation, drive, judged.values)
+    jump = options.definition.task not in GAITS
+    with ThreadPoolExecutor() as pool:  # compiling is most of it: side by side
+        beside = pool.submit(record_motion, evaluation, "ideal", judged.values) if jump else None
+        record = record_motion(evaluation, drive, judged.values)
     write_motion(run / "motion.npz", record)
     history = History(
         best=np.array([g.best_cost for g in result.history]),
@@ -72,13 +76,12 @@ def export(
         population=options.definition.population,
     )
     report, numbers = run / "report.html", options.model.numbers
-    if options.definition.task in GAITS:
-        write_gait_report(report, file, numbers, record, history=history if result.history else None)
+    shown = history if result.history else None
+    if beside is None:
+        write_gait_report(report, file, numbers, record, history=shown)
     else:
-        ideal = record_motion(evaluation, "ideal", judged.values)
         course = None if refinement is None else refinement.found.course
-        shown = history if result.history else None
-        write_jump_report(report, file, numbers, record, ideal=ideal, history=shown, refinement=course)
+        write_jump_report(report, file, numbers, record, ideal=beside.result(), history=shown, refinement=course)
 
 
 def refinement_fields(refinement: "Refinement") -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from experiments.cli import bench_gradients, bench_risk
-from experiments.cli.options import DevicesOption, ModelOption, SeedOption, available_cores, start_jax
+from experiments.cli.options import DevicesOption, ModelOption, SeedOption, available_cores, start_jax, whole_loops
 
 HELP = """Measure speed side by side with MuJoCo C in one run, on all cores; one JSON line per entry.
 
@@ -61,6 +61,7 @@ def speed(
 ) -> None:
     if context.invoked_subcommand is not None:
         return
+    whole_loops()
     start_jax(devices)
     from experiments import bench
     from experiments.model import load_model
@@ -113,6 +114,7 @@ def gaits(
         "runs/bench_gaits"
     ),
 ) -> None:
+    whole_loops()
     start_jax(devices)
     from experiments.files import refuse_unwritable, write_json
     from experiments.gait_benchmark.run import Plan, find_motions, measure

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.cli.options import DevicesOption, ModelOption, available_cores, start_jax
+from experiments.cli.options import DevicesOption, ModelOption, available_cores, start_jax, whole_loops
 
 HELP = """What are gradients worth? CMA-ES, gradients, and both one after the other, at equal wall time.
 
@@ -25,6 +25,7 @@ def gradients(
     model: ModelOption = None,
     devices: DevicesOption = available_cores(),  # noqa: B008
 ) -> None:
+    whole_loops()
     start_jax(devices)
     from experiments.gradient_benchmark import compare
     from experiments.model import load_model

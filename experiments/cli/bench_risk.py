@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.cli.options import DevicesOption, ModelOption, available_cores, start_jax
+from experiments.cli.options import DevicesOption, ModelOption, available_cores, start_jax, whole_loops
 from experiments.cli.signals import terminate_as_interrupt
 
 HELP = """Is a robust search worth its price?
@@ -36,6 +36,7 @@ def risk(
     ),
 ) -> None:
     terminate_as_interrupt()
+    whole_loops()
     start_jax(devices)
     import numpy as np
 

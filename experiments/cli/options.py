@@ -17,12 +17,27 @@ EffectsOption = Annotated[
     typer.Option("--effects", help="Your own effect, a short Python file; may be repeated. Runs as code."),
 ]
 DevicesOption = Annotated[int, typer.Option("--devices", min=1, help="CPU devices to use; default: one per core.")]
+WHOLE_LOOPS = (
+    "xla_cpu_small_while_loop_byte_threshold=1000000000",  # every loop counts as small
+    "xla_cpu_disable_loop_unrolling=true",  # unrolled first, loops over a chunk are not vectorised
+)
 SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Seed of everything random.")]
 
 
 def available_cores() -> int:
     """Cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def whole_loops() -> None:
+    """Have XLA put a loop over rollouts, all that is in it included, into one function for the CPU.
+
+    Left alone it runs the thousand little kernels of a control period one by one, and starting them takes most of the
+    time (`starleth bench`). Must come before JAX starts; leaves alone what the user has set in XLA_FLAGS.
+    """
+    flags = os.environ.get("XLA_FLAGS", "")
+    if "xla_backend_extra_options" not in flags:
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_extra_options={','.join(WHOLE_LOOPS)}".strip()
 
 
 def start_jax(devices: int | None = None) -> int:

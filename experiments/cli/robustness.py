@@ -6,7 +6,15 @@ from typing import Annotated
 
 import typer
 
-from experiments.cli.options import DevicesOption, EffectsOption, ModelOption, SeedOption, available_cores, start_jax
+from experiments.cli.options import (
+    DevicesOption,
+    EffectsOption,
+    ModelOption,
+    SeedOption,
+    available_cores,
+    start_jax,
+    whole_loops,
+)
 from experiments.cli.signals import terminate_as_interrupt
 
 HELP = """Try a tuned motion under thousands of perturbations and say how often it succeeds.
@@ -52,6 +60,7 @@ def command(
     ] = None,
 ) -> None:
     terminate_as_interrupt()
+    whole_loops()
     start_jax(devices)
     from experiments import robustness_run as analysis
     from experiments.cli.robustness_progress import RobustnessProgress

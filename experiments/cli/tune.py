@@ -5,7 +5,15 @@ from typing import Annotated
 
 import typer
 
-from experiments.cli.options import DevicesOption, EffectsOption, ModelOption, SeedOption, available_cores, start_jax
+from experiments.cli.options import (
+    DevicesOption,
+    EffectsOption,
+    ModelOption,
+    SeedOption,
+    available_cores,
+    start_jax,
+    whole_loops,
+)
 from experiments.cli.signals import terminate_as_interrupt
 
 HELP = """Search a motion in simulation and leave a parameter file for the robot.
@@ -73,6 +81,7 @@ def command(
     process: Annotated[int | None, typer.Option(min=0, help="Which of them this is.")] = None,
 ) -> None:
     terminate_as_interrupt()
+    whole_loops()
     start_jax(devices)
     from experiments.distributed import join, leaving_alone, open_run_together
 

@@ -80,7 +80,7 @@ def with_values(controller: GaitParams, names: Sequence[str], values: Array) -> 
 def _put(node: Any, place: tuple[str | int, ...], value: Array) -> Any:
     head, *rest = place
     if isinstance(head, int):
-        return node.at[head].set(value)
+        return jnp.where(np.arange(node.shape[0]) == head, value, node)  # a scatter would stay in the loop over ticks
     return node._replace(**{head: _put(getattr(node, head), tuple(rest), value) if rest else value})
 
 
