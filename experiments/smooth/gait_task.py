@@ -106,9 +106,10 @@ class SmoothGait(GaitTask):
     def score(self, values: Array, tally: SmoothGaitTally, failed: Array, last: PlantState) -> Score:
         w, width, command = self.weights, self.widths, self.settings.command
         mean = jax.tree.map(lambda x: x / (self.ticks * self.period), tally)
-        wanted = jnp.maximum(self.settings.flight, 1e-3)
+        wanted = self.settings.flight
+        shortfall = softplus(wanted - mean.flight, width.share) / jnp.maximum(wanted, 1e-3)
         terms = {
-            "flight": w["flight"] * softplus(self.settings.flight - mean.flight, width.share) / wanted,
+            "flight": w["flight"] * jnp.where(wanted > 0.0, shortfall, 0.0),  # a walk is not asked to fly
             "schedule": w["schedule"] * mean.schedule,
             "speed": w["speed"] * _size(mean.velocity_C[0] - command.heading, width.rate),
             "drift": w["drift"] * _size(mean.velocity_C[1] - command.lateral, width.rate),
