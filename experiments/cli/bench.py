@@ -8,7 +8,15 @@ from typing import Annotated
 import typer
 
 from experiments.cli import bench_gradients, bench_risk
-from experiments.cli.options import DevicesOption, ModelOption, SeedOption, available_cores, start_jax, whole_loops
+from experiments.cli.options import (
+    DevicesOption,
+    ModelOption,
+    SeedOption,
+    available_cores,
+    finite,
+    start_jax,
+    whole_loops,
+)
 
 HELP = """Measure speed side by side with MuJoCo C in one run, on all cores; one JSON line per entry.
 
@@ -73,7 +81,7 @@ def speed(
 def diagnosis(
     size: Annotated[int, typer.Option(min=8, help="Number of logs.")] = 20,
     seed: SeedOption = 0,
-    duration: Annotated[float, typer.Option(min=4.0, max=60.0, help="Length of each log, s.")] = 8.0,
+    duration: Annotated[float, typer.Option(min=4.0, max=60.0, callback=finite, help="Length of each log, s.")] = 8.0,
     folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for logs, answers and table.")] = Path(
         "runs/bench_diagnosis"
     ),

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.cli.options import DevicesOption, ModelOption, available_cores, start_jax, whole_loops
+from experiments.cli.options import DevicesOption, ModelOption, available_cores, finite, start_jax, whole_loops
 
 HELP = """What are gradients worth? CMA-ES, gradients, and both one after the other, at equal wall time.
 
@@ -20,7 +20,9 @@ JSON line: the start, what each takes, the cost each ends with for each seed.
 
 def gradients(
     task: Annotated[str, typer.Argument(help="A task by name or your own task file.")] = "squat_jump",
-    seconds: Annotated[float, typer.Option(min=1.0, max=86_400.0, help="Wall time of each method.")] = 60.0,
+    seconds: Annotated[
+        float, typer.Option(min=1.0, max=86_400.0, callback=finite, help="Wall time of each method.")
+    ] = 60.0,
     seeds: Annotated[int, typer.Option(min=1, max=1000, help="Runs of each method.")] = 3,
     model: ModelOption = None,
     devices: DevicesOption = available_cores(),  # noqa: B008

@@ -1,5 +1,6 @@
 """Options that several subcommands share, and what must happen before JAX starts."""
 
+import math
 import os
 from pathlib import Path
 from typing import Annotated
@@ -22,6 +23,13 @@ WHOLE_LOOPS = (
     "xla_cpu_disable_loop_unrolling=true",  # unrolled first, loops over a chunk are not vectorised
 )
 SeedOption = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Seed of everything random.")]
+
+
+def finite(value: float | None) -> float | None:
+    """Callback of options that are numbers: a NaN passes every range. Raises typer.BadParameter."""
+    if value is not None and not math.isfinite(value):
+        raise typer.BadParameter(f"{value} is no finite number.")
+    return value
 
 
 def available_cores() -> int:

@@ -12,6 +12,7 @@ from experiments.cli.options import (
     ModelOption,
     SeedOption,
     available_cores,
+    finite,
     start_jax,
     whole_loops,
 )
@@ -53,7 +54,8 @@ def command(
         int | None, typer.Option(min=0, max=100_000_000, help="Run just the trial of this index; print it as JSON.")
     ] = None,
     gate: Annotated[
-        float | None, typer.Option(min=0, max=1, help="Success rate that is required, with 95 % confidence.")
+        float | None,
+        typer.Option(min=0, max=1, callback=finite, help="Success rate that is required, with 95 % confidence."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the results. Default: beside the parameters.")

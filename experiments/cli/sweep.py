@@ -7,7 +7,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from experiments.cli.options import EffectsOption, available_cores
+from experiments.cli.options import EffectsOption, available_cores, finite
 from experiments.cli.signals import terminate_as_interrupt
 from experiments.errors import UserError
 
@@ -45,14 +45,18 @@ def command(
     perturbations: Annotated[Path | None, typer.Option(help="Perturbation file, as for tune.")] = None,
     trials: Annotated[int | None, typer.Option(min=1, help="Trials per candidate, as for tune.")] = None,
     risk: Annotated[str | None, typer.Option(help="mean, worst or cvar, as for tune.")] = None,
-    alpha: Annotated[float | None, typer.Option(min=0, max=0.999, help="The share of cvar, as for tune.")] = None,
+    alpha: Annotated[
+        float | None, typer.Option(min=0, max=0.999, callback=finite, help="The share of cvar, as for tune.")
+    ] = None,
     effects: EffectsOption = None,
     executor: Annotated[str, typer.Option(help="local (processes), submitit (SLURM) or dask.")] = "local",
     workers: Annotated[int | None, typer.Option(min=1, max=10_000, help="Members at a time.")] = None,
     devices: Annotated[int, typer.Option(min=1, max=1024, help="Cores of each member.")] = 1,
     scheduler: Annotated[str | None, typer.Option(help="Address of the Dask scheduler; else a local one.")] = None,
     cluster: Annotated[str | None, typer.Option(help="submitit's cluster: slurm or local; else what is there.")] = None,
-    hours: Annotated[float, typer.Option(min=0.02, max=10_000, help="Time limit of a SLURM job.")] = 24.0,
+    hours: Annotated[
+        float, typer.Option(min=0.02, max=10_000, callback=finite, help="Time limit of a SLURM job.")
+    ] = 24.0,
     script: Annotated[bool, typer.Option("--script", help="Print a script for sbatch and run nothing.")] = False,
     only: Annotated[int | None, typer.Option(min=0, help="Run one member by its number, as --script does.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the sweep.")] = None,

@@ -11,6 +11,7 @@ from experiments.cli.options import (
     ModelOption,
     SeedOption,
     available_cores,
+    finite,
     start_jax,
     whole_loops,
 )
@@ -61,7 +62,9 @@ def command(
     ] = "mean",
     alpha: Annotated[
         float | None,
-        typer.Option(min=0, max=0.999, help="cvar is the mean of the worst share 1 - alpha. Default: 0.75."),
+        typer.Option(
+            min=0, max=0.999, callback=finite, help="cvar is the mean of the worst share 1 - alpha. Default: 0.75."
+        ),
     ] = None,
     refine: Annotated[int, typer.Option(min=0, max=100_000, help="Steps by gradients after the search.")] = 0,
     seed: SeedOption = 0,
