@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from controller_jax import locomotion
 from controller_jax.geometry import geometry_from_numbers
 from controller_jax.joint_torques import joint_torques, weight_torque
-from controller_jax.leg_kinematics import leg_kinematics
+from controller_jax.leg_kinematics import inverse_kinematics, leg_kinematics
 from controller_jax.locomotion import GaitParams, LocomotionState
 from controller_jax.types import JointTargets, LegGeometry, RobotState
 from controller_jax.velocity_command import VelocityCommand
@@ -98,22 +98,25 @@ class GaitTask:
     def start(
         self, plant: Plant, params: PlantParams, settings: GaitSettings, values: Array, trial: Trial
     ) -> tuple[PlantState, LocomotionState]:
-        """Standing on the ground, aligned with its slope."""
-        normal = params.bodies.terrain.normal
-        joints = jnp.asarray(plant.bodies.stance[7:])
-        legs = leg_kinematics(settings.geometry, joints)
-        height = settings.geometry.foot_radius - legs.r_BF_B[:, 2].mean()
+        """Torso along the slope, feet under the hips along gravity: where the telescopic strut puts them, in balance."""
+        geometry, terrain = settings.geometry, params.bodies.terrain
+        level = leg_kinematics(geometry, jnp.asarray(plant.bodies.stance[7:])).r_BF_B - geometry.r_BH_B
+        length, normal = -level[:, 2].mean(), terrain.normal
         half = jnp.stack([1.0 + normal[2], -normal[1], normal[0], jnp.zeros(())])  # turns world z onto the normal
         quaternion = half / jnp.sqrt((half * half).sum())
-        q = jnp.concatenate([(params.bodies.terrain.offset + height) * normal, quaternion, joints])
-        robot = RobotState(
-            q[:3], rotation_matrix(quaternion), jnp.zeros(3), jnp.zeros(3), joints, jnp.zeros(12), jnp.ones(4)
+        R_WB = rotation_matrix(quaternion)
+        up_B = R_WB[2]
+        joints = inverse_kinematics(
+            geometry, geometry.r_BH_B + level.at[:, 2].set(0.0) - length * jnp.broadcast_to(up_B, (4, 3))
         )
-        weight = weight_torque(settings.geometry, legs, jnp.eye(3))
-        share = 0.25 * settings.geometry.gravity * params.bodies.mass.sum()
-        force = jnp.zeros((4, 3)).at[:, 2].set(share)
-        torque = joint_torques(force, legs.J_BF_B, weight)
-        return plant.initial_state(params, q, torque), locomotion.init(settings.geometry, robot)
+        height = geometry.foot_radius + length * normal[2] - geometry.r_BH_B[:, 2].mean()
+        q = jnp.concatenate([(terrain.offset + height) * normal, quaternion, joints])
+        robot = RobotState(q[:3], R_WB, jnp.zeros(3), jnp.zeros(3), joints, jnp.zeros(12), jnp.ones(4))
+        legs = leg_kinematics(geometry, joints)
+        share = 0.25 * geometry.gravity * params.bodies.mass.sum()
+        force_B = jnp.broadcast_to(share * up_B, (4, 3))
+        torque = joint_torques(force_B, legs.J_BF_B, weight_torque(geometry, legs, R_WB))
+        return plant.initial_state(params, q, torque), locomotion.init(geometry, robot)
 
     def control(
         self, settings: GaitSettings, values: Array, state: LocomotionState, robot: RobotState, time: Array

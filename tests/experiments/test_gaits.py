@@ -5,8 +5,10 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from controller_jax.locomotion import GaitParams
 from experiments.batch import device_mesh
@@ -16,6 +18,7 @@ from experiments.evaluation import Evaluation, crossed
 from experiments.model import nominal_model
 from experiments.parameter_file import Metric, now, parameter, read_parameters, write_parameters
 from experiments.perturbations import parse_perturbations
+from experiments.plant import make_plant
 from experiments.recording import gait_record
 from experiments.replay import load_motion, replay
 from experiments.reports.gait import last_strides, stride_duration, write_gait_report
@@ -23,6 +26,9 @@ from experiments.reports.gait_figures import over_strides, stretches
 from experiments.tasks.definition import load_task
 from experiments.tasks.gait_parameters import PARAMETERS, controller_from_settings, with_values
 from experiments.tasks.registry import GAITS, make_task, metric_units
+from experiments.trial import Trial, noise_table
+from mjx_starleth.mjcf import mjcf
+from mjx_starleth.names import LEGS
 
 MODEL = nominal_model()
 FOUND = resources.files("experiments") / "examples"
@@ -60,6 +66,24 @@ def test_every_name_has_a_place() -> None:
     controller = controller_from_settings(load_task("pronk").settings["controller"], jnp.ones((12, 2)), "pronk")
     for name in PARAMETERS:
         assert isinstance(with_values(controller, (name,), jnp.array([0.5])), GaitParams)
+
+
+@pytest.mark.parametrize("slope", [(0.0, 0.0), (0.3, -0.2)])
+def test_a_gait_starts_with_its_feet_on_the_ground_below_the_hips(slope) -> None:
+    plant, task = make_plant(MODEL, "ideal"), make_task(load_task("walking_trot"), MODEL)
+    trial = Trial({"slope_x": jnp.float32(slope[0]), "slope_y": jnp.float32(slope[1])}, noise_table(), jnp.int32(0))
+    params = trial.apply(plant, plant.params)
+    state, _ = task.start(plant, params, task.settings, jnp.zeros(18), trial)
+    q, normal = np.asarray(state.bodies.q, float), np.asarray(params.bodies.terrain.normal, float)
+    model = mujoco.MjModel.from_xml_string(mjcf(MODEL.numbers))
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    feet = np.stack([data.site(f"{leg}_foot").xpos for leg in LEGS])
+    hips = q[:3] + np.asarray(task.settings.geometry.r_BH_B) @ Rotation.from_quat(q[[4, 5, 6, 3]]).as_matrix().T
+    np.testing.assert_allclose(feet @ normal, MODEL.numbers.bodies.foot.radius, atol=1e-5)
+    np.testing.assert_allclose((feet - hips)[:, :2], 0.0, atol=2e-3)  # the stance's own feet are 1 mm off
+    np.testing.assert_allclose(normal[:2] / normal[2], np.negative(slope) if slope[0] else 0.0, atol=1e-5)
 
 
 @pytest.mark.parametrize(
