@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
-from experiments.effects.bench import bench_effects
+from experiments.effects.bench import bench_effects, elastic_effects
 from experiments.effects.effect import Effect
 from experiments.effects.library import LIBRARY, find_effect
 from experiments.effects.places import mask
@@ -56,6 +56,7 @@ class JointNumbers(_Strict):
     inertia: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     viscous_friction: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     gravity_load: FiniteFloat = 0.0
+    drive: Literal["rigid", "HAA", "HFE", "KFE"] = "rigid"  # or the joint kind whose series-elastic drive turns it
 
 
 class Model(_Strict):
@@ -117,7 +118,8 @@ def load_model(path: Path | None, effects: dict[str, Effect] = LIBRARY) -> Model
             f"{shown(path)}: a model holds either 'numbers' (starleth) or 'joint' (a single joint on a bench)."
         )
     if model.joint is not None:
-        effects = bench_effects(effects, model.joint.kind == "prismatic")
+        rigid = model.joint.drive == "rigid"
+        effects = bench_effects(effects, model.joint.kind == "prismatic") if rigid else elastic_effects(effects)
     for placed in model.effects:
         _check_effect(placed, find_effect(placed.effect, effects), model.joint_names, path)
     return model

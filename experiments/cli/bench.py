@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.cli import bench_gradients, bench_risk
+from experiments.cli import bench_gradients, bench_learned, bench_risk
 from experiments.cli.options import (
     DevicesOption,
     ModelOption,
@@ -23,6 +23,7 @@ HELP = """Measure speed side by side with MuJoCo C in one run, on all cores; one
     starleth bench                    all entries (about two minutes, mostly compiling)
     starleth bench --rounds 20        more rounds; the best of each entry counts
     starleth bench diagnosis          how often the diagnosis is right, on hidden effects of an independent plant
+    starleth bench learned            what a learned effect is worth in the next jump on an independent plant
     starleth bench gaits              how long the gaits keep going, what throws them over, MuJoCo C
     starleth bench gradients          CMA-ES, gradients and both at equal wall time
     starleth bench risk               a plain and a robust search on perturbed trials that neither has seen
@@ -45,6 +46,7 @@ the sealed truth; beside it what one would do instead. Resumes: what the folder 
 
     starleth bench diagnosis --size 20         a glance (half an hour on two cores)
     starleth bench diagnosis --size 300        the whole (hours)
+    starleth bench diagnosis --methods diagnosis    without what one would do instead, three times as fast
 """
 
 
@@ -54,6 +56,7 @@ def register(app: typer.Typer) -> None:
     bench.command("diagnosis", help=DIAGNOSIS)(diagnosis)
     bench.command("gaits", help=GAITS)(gaits)
     bench.command("gradients", help=bench_gradients.HELP)(bench_gradients.gradients)
+    bench.command("learned", help=bench_learned.HELP)(bench_learned.learned)
     bench.command("risk", help=bench_risk.HELP)(bench_risk.risk)
     app.add_typer(bench, name="bench")
 
@@ -82,6 +85,9 @@ def diagnosis(
     size: Annotated[int, typer.Option(min=8, help="Number of logs.")] = 20,
     seed: SeedOption = 0,
     duration: Annotated[float, typer.Option(min=4.0, max=60.0, callback=finite, help="Length of each log, s.")] = 8.0,
+    methods: Annotated[
+        str, typer.Option(help="Which of diagnosis, parameters, best_single, sparse, removed; with commas between.")
+    ] = "diagnosis,parameters,best_single,sparse,removed",
     folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for logs, answers and table.")] = Path(
         "runs/bench_diagnosis"
     ),
@@ -93,7 +99,8 @@ def diagnosis(
     from experiments.diagnosis_benchmark.run import run
 
     workers = available_cores()
-    result = run(folder, size, seed, duration, workers, lambda text: typer.echo(text, err=True))
+    names = [name.strip() for name in methods.split(",") if name.strip()]
+    result = run(folder, size, seed, duration, names, workers, lambda text: typer.echo(text, err=True))
     figures = Table(title=f"{result['cases']} logs, hits of cases")
     columns = list(result["methods"][0])
     for column in columns:

@@ -141,13 +141,10 @@ def _model(model: Path | None, effects: list[Path] | None):
 
 def _on_bench(log, model, library):
     """Model and effects for a log: a joint on a bench brings its own numbers, and shows fewer effects."""
-    from experiments.effects.bench import GRAVITY_LOAD
-    from experiments.measurement.gather import model_for
+    from experiments.measurement.gather import library_for, model_for
 
     model = model_for(log, model)
-    if model.joint is not None:
-        library = dict(library) | {GRAVITY_LOAD.name: GRAVITY_LOAD}
-    return model, library
+    return model, library_for(model, library)
 
 
 def _write(folder: Path, name: str, answer: dict) -> None:

@@ -62,6 +62,8 @@ def confusions(truth: Mapping[str, Case], answers: Mapping[str, Mapping[str, Ans
     """One line for each case that the diagnosis got wrong."""
     lines = []
     for name, given in answers.items():
+        if "diagnosis" not in given:
+            continue
         case, answer = truth[name], given["diagnosis"]
         hidden = ", ".join(f"{e['effect']}@{e['where']} ({e['strength']:.2f})" for e in case["effects"]) or "none"
         told = ", ".join(f"{e['effect']}@{e['where']}" for e in answer["effects"]) or "none"

@@ -1,6 +1,7 @@
-"""The effects on a single rigid joint: the robot's equations with gear 1, in the joint's own units and sizes.
+"""The effects on a single joint: the robot's, and those of the load that it turns.
 
-A rigid drive has no spring, no current that is logged and no gear of its own, so an effect's numbers count at the
+On a series-elastic drive they are the robot's as they stand. On a rigid one they are its equations with gear 1, in the
+joint's own units and sizes: a rigid drive has no spring, no current that is logged and no gear of its own, so an effect's numbers count at the
 joint, and what is a plausible size follows from the efforts, speeds and travel of the log.
 """
 
@@ -71,6 +72,26 @@ GRAVITY_LOAD = Effect(
     (Parameter("torque", "N m", -UNBOUNDED, UNBOUNDED, 0.1),),
     {"joint_drag": _gravity},
 )
+
+
+def _load_inertia(p, load, _):
+    return load._replace(inertia=load.inertia * (1.0 + p.relative))
+
+
+LOAD_INERTIA = Effect(
+    "load_inertia",
+    "the load turns more or less inertia than nominal",
+    "bodies",
+    "joint",
+    (Parameter("relative", "1", -0.8, 4.0, 0.2),),
+    {"body_parameters": _load_inertia},
+)
+
+
+def elastic_effects(library: Mapping[str, Effect]) -> dict[str, Effect]:
+    """The effects that a joint with a spring of its own can show."""
+    able = {name: effect for name, effect in library.items() if effect.axis == "joint"}
+    return able | {effect.name: effect for effect in (GRAVITY_LOAD, LOAD_INERTIA)}
 
 
 def bench_effects(library: Mapping[str, Effect], prismatic: bool) -> dict[str, Effect]:

@@ -62,10 +62,15 @@ class ActiveEffects:
         """Initial memory of the hooks of the drive."""
         found = {}
         for hook in DRIVE_HOOKS:
-            here = [effect for effect in self.effects if hook in effect.equations]
-            if any(effect.memory for effect in here):
-                found[hook] = tuple(jnp.zeros((joints, effect.memory), jnp.float32) for effect in here)
+            memory = self.memory_at(hook, joints)
+            if any(one.size for one in memory):
+                found[hook] = memory
         return found
+
+    def memory_at(self, hook: str, joints: int) -> tuple[Array, ...]:
+        """Initial memory of the effects at one hook, (joints, memory) each."""
+        here = [effect for effect in self.effects if hook in effect.equations]
+        return tuple(jnp.zeros((joints, effect.memory), jnp.float32) for effect in here)
 
 
 def _with_memory(effect: Effect, equation, p):

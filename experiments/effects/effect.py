@@ -20,6 +20,7 @@ HOOKS: Mapping[str, str] = MappingProxyType(
         "command": "JointCommand -> JointCommand, every control period",
         "measurement": "JointMeasurement -> JointMeasurement, every control period",
         "measured_motion": "JointMotion as logged -> true JointMotion (the inverse of `measurement`), replay only",
+        "measured_current": "motor current [A] -> what its sensor shows, every control period, replay only",
         "commanded_velocity": "gear velocity that the velocity loops get [rad/s], every control period",
         "supply_voltage": "bus voltage [V], every 0.1 ms",
         "motor_torque": "torque at the rotor [N m], every 0.1 ms",
@@ -65,7 +66,7 @@ class Effect:
     equations maps a hook (see HOOKS) to a function `(p, value, signals) -> value`, where `p.<name>` holds the
     effect's parameters; with `memory` > 0 it is `(p, value, signals, memory) -> (value, memory)` and memory is
     an array (places, memory) that starts at zero. `seeds` are further starts for the shape parameters, for
-    effects whose error has several valleys.
+    effects whose error has several valleys; some logs bring starts of their own.
     """
 
     name: str

@@ -18,8 +18,10 @@ def _saturation(p, torque, s):
 
 
 def _ripple(p, torque, s):
+    # of the poles, in proportion to the current, and of the magnets (cogging), without one
     angle = p.harmonic * s.motor_position
-    return torque * (1.0 + p.sine * jnp.sin(angle) + p.cosine * jnp.cos(angle))
+    sine, cosine = p.sine * torque + p.constant_sine, p.cosine * torque + p.constant_cosine
+    return torque + sine * jnp.sin(angle) + cosine * jnp.cos(angle)
 
 
 def _sag(p, voltage, s):
@@ -53,16 +55,17 @@ EFFECTS = (
     ),
     Effect(
         "torque_ripple",
-        "torque per ampere varies with the rotor's angle",
+        "the motor's torque varies with the rotor's angle, with its current or without",
         "drive",
         "joint",
         (
             Parameter("sine", "1", -0.5, 0.5, 0.05),
             Parameter("cosine", "1", -0.5, 0.5, 0.05),
+            Parameter("constant_sine", "N m at the rotor", -0.1, 0.1, 0.002),
+            Parameter("constant_cosine", "N m at the rotor", -0.1, 0.1, 0.002),
             Parameter("harmonic", "periods per turn of the gear output", 10.0, 3000.0, 600.0, "shape"),
         ),
         {"motor_torque": _ripple},
-        seeds=tuple({"harmonic": 100.0 * n} for n in (1, 2, 4, 7, 8, 12, 14, 24)),
     ),
     Effect(
         "bus_voltage_sag",

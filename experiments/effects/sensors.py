@@ -43,6 +43,17 @@ def _late(p, measurement, s, memory):
     return late, history[:, :LONGEST].reshape(memory.shape)
 
 
+def _late_current(p, current, s, memory):
+    known = memory[:, : 2 * LONGEST].reshape(-1, LONGEST, 2)
+    now = jnp.stack([current, jnp.ones_like(current)], -1)[:, None]
+    past = jnp.where(known[..., 1:] > 0.0, known, now)
+    history = jnp.concatenate([now, past], 1)
+    rest = memory[:, 2 * LONGEST :]
+    return delayed(history[..., 0], p.motor_side / s.period), jnp.concatenate(
+        [history[:, :LONGEST].reshape(-1, 2 * LONGEST), rest], 1
+    )
+
+
 def _advance(p, motion, _):
     d = p.joint_side
     return motion._replace(
@@ -85,7 +96,7 @@ EFFECTS = (
             Parameter("joint_side", "s", 0.0, 0.02, 0.002),
             Parameter("motor_side", "s", 0.0, 0.02, 0.002),
         ),
-        {"measurement": _late, "measured_motion": _advance},
+        {"measurement": _late, "measured_current": _late_current, "measured_motion": _advance},
         memory=5 * LONGEST,
     ),
 )

@@ -23,6 +23,7 @@ from experiments.independent_plant.plant import Recording
 
 LEVELS = (0.05, 0.1, 0.2, 0.4)
 TABLE = Path(__file__).with_name("strengths.json")
+BEYOND = 2.0  # factor by which a parameter may leave the table
 BY_TWIN = ("ground_friction", "ground_compliance")  # and sensor_delay at the torso
 
 
@@ -85,7 +86,10 @@ def span(motion: str, effect: str) -> tuple[float, float]:
 
 
 def parameter_for(motion: str, effect: str, where: str, wanted: float) -> float:
-    """The scaled parameter that gives about the wanted strength (log-log, straight beyond the table's ends)."""
+    """The scaled parameter that gives about the wanted strength (log-log, straight a little beyond the table's ends).
+
+    Where a joint cannot show an effect so strongly, it gets what is plausible: no spring is thirteen times too stiff.
+    """
     by_kind = table()[motion][effect]
     kinds = ["robot"] if "robot" in by_kind else _kinds(where)
     found = [_inverse(by_kind[kind], wanted) for kind in kinds if kind in by_kind]
@@ -107,4 +111,5 @@ def _inverse(pairs: list[list[float]], wanted: float) -> float:
         return float(np.exp(parameter[0] + goal - strengths[0]))
     i = int(np.clip(np.searchsorted(strengths, goal), 1, len(strengths) - 1))
     slope = (parameter[i] - parameter[i - 1]) / max(strengths[i] - strengths[i - 1], 1e-9)
-    return float(np.exp(parameter[i] + np.clip(slope, 0.2, 5.0) * (goal - strengths[i])))
+    found = np.exp(parameter[i] + np.clip(slope, 0.2, 5.0) * (goal - strengths[i]))
+    return float(np.clip(found, np.exp(parameter.min()) / BEYOND, np.exp(parameter.max()) * BEYOND))

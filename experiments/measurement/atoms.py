@@ -29,9 +29,12 @@ class Column(NamedTuple):
     size: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Atoms:
-    """The layout of the flat vector x (n,) for a set of effects on a robot with these joints."""
+    """The layout of the flat vector x (n,) for a set of effects on a robot with these joints.
+
+    Equal layouts are equal, so that logs of one robot share their compiled replays.
+    """
 
     effects: tuple[Effect, ...]
     joint_names: tuple[str, ...]

@@ -10,10 +10,19 @@ import jax.numpy as jnp
 import numpy as np
 
 from experiments.measurement.atoms import Atoms
-from experiments.measurement.body_replay import BodyLog, BodyReplay, BodyResidual, body_log, settled, thinned
+from experiments.measurement.body_replay import (
+    BodyLog,
+    BodyReplay,
+    BodyResidual,
+    body_log,
+    body_replay,
+    settled,
+    thinned,
+)
+from experiments.measurement.drive_evidence import replay_devices
 from experiments.measurement.log import Log
-from mjx_starleth.bodies import Bodies, BodyParams
 from mjx_starleth.names import JOINT_NAMES, LEGS
+from mjx_starleth.numbers import RobotNumbers
 
 BODY_HOOKS = frozenset("body_parameters measurement measured_motion joint_drag torso_force".split())
 FLOOR_DRAWS = 3
@@ -44,6 +53,15 @@ class BodyEvidence:
     floor: np.ndarray
     tau: np.ndarray  # (26,) rows of residual that carry as much as one independent row
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return CHANNELS
+
+    @property
+    def model_error(self) -> np.ndarray:
+        """What the best model of a real robot may leave in each channel (26,)."""
+        return np.array([MODEL_ERROR[kind] for kind in KIND])
+
     def predict(self, xs: np.ndarray) -> np.ndarray:
         """Residuals (H, N, 26) in physical units for atom vectors (H, n)."""
         return residuals(self.replay, self.atoms, self.log, self.period, xs)
@@ -53,13 +71,11 @@ class BodyEvidence:
         return self.predict(xs) / self.floor[None, None] * self.used[None]
 
 
-def body_evidence(
-    atoms: Atoms, bodies: Bodies, params: BodyParams, log: Log, noise: Mapping[str, float]
-) -> BodyEvidence:
+def body_evidence(atoms: Atoms, numbers: RobotNumbers, log: Log, noise: Mapping[str, float]) -> BodyEvidence:
     """Prepare a log's bodies; noise: standard deviations of the sensors by signal name."""
     rows, period = body_log(log), log.sample_period
     clamped = log.experiment == "fixed_base"
-    replay = BodyReplay(bodies, params, atoms.active(), clamped)
+    replay = body_replay(numbers, atoms.active(), clamped)
     off = atoms.off()[None]
     raw = residual_rows(replay, atoms, rows, off)
     used = _used(rows, raw[0], period, clamped)
@@ -72,12 +88,12 @@ def body_evidence(
     count = np.maximum(used.sum(0), 1)
     spread = np.sqrt((error**2 * used[None]).sum((0, 1)) / count / FLOOR_DRAWS)
     # where the rows alias what is faster than their rate, the residual is rougher than noise makes it
-    rough = _roughness(clean, used) / np.maximum(_roughness(error[0], used), 1e-12)
+    rough = roughness(clean, used) / np.maximum(roughness(error[0], used), 1e-12)
     floor = np.maximum(spread, 1e-9) * np.maximum(rough, 1.0)
     # a torque sampled at rows is not its mean between them: legs in the air show that first
     legs = np.array([kind == "joint" for kind in KIND])
     floor = np.where(legs, np.hypot(floor, MODEL_ERROR["joint"]), floor)
-    return BodyEvidence(atoms, replay, rows, period, used, floor, _correlation_rows(error * used[None]))
+    return BodyEvidence(atoms, replay, rows, period, used, floor, correlation_rows(error * used[None]))
 
 
 def residuals(replay: BodyReplay, atoms: Atoms, log: BodyLog, period: float, xs: np.ndarray) -> np.ndarray:
@@ -89,7 +105,7 @@ def residual_rows(replay: BodyReplay, atoms: Atoms, log: BodyLog, xs: np.ndarray
     """Residuals on raw rows, and the feet's normal force and sliding speed: (H, T, 26 + 4 + 4)."""
     rows, missing = len(log.q), -len(log.q) % PAD
     padded = BodyLog(*(np.concatenate([table, np.repeat(table[-1:], missing, 0)]) for table in log))
-    places = [(device, jax.device_put(padded, device)) for device in jax.local_devices()]
+    places = [(device, jax.device_put(padded, device)) for device in replay_devices()]
     turns = zip(xs.astype(np.float32), itertools.cycle(places))
     found = [_one(replay, atoms, its_log, jax.device_put(x, device)) for x, (device, its_log) in turns]
     return np.stack([np.asarray(one)[:rows] for one in found])
@@ -120,7 +136,7 @@ def _used(log: BodyLog, raw: np.ndarray, period: float, clamped: bool) -> np.nda
     return np.concatenate([torso, np.repeat(flying, 3, 1), on, sliding], 1).astype(float)
 
 
-def _roughness(rows: np.ndarray, used: np.ndarray) -> np.ndarray:
+def roughness(rows: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Size of the changes from row to row, per channel."""
     both = used[1:] * used[:-1]
     change = np.diff(rows, axis=0) ** 2 * both
@@ -143,7 +159,7 @@ def _noisy(rng: np.random.Generator, log: BodyLog, noise: Mapping[str, float], p
     return BodyLog(*(np.asarray(a, np.float32) for a in (q, u, np.gradient(u, period, axis=0), torque, log.contact)))
 
 
-def _correlation_rows(error: np.ndarray, block: int = 40) -> np.ndarray:
+def correlation_rows(error: np.ndarray, block: int = 40) -> np.ndarray:
     """Variance of block means over that of independent rows, at least 1: (channels,) from draws (D, N, channels)."""
     n = error.shape[1] // block * block
     means = error[:, :n].reshape(error.shape[0], -1, block, error.shape[2]).mean(2)

@@ -11,6 +11,7 @@ acceleration and torque, they lose sensor noise in the filter but nothing of wha
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import jax
@@ -21,8 +22,8 @@ from scipy.signal import savgol_filter
 
 from experiments.effects.compose import ActiveEffects, EffectNumbers
 from experiments.measurement.log import Log
-from mjx_starleth.bodies import Bodies, BodyParams
-from mjx_starleth.smooth import Inertias, smooth
+from mjx_starleth.bodies import Bodies, BodyParams, make_bodies
+from mjx_starleth.numbers import RobotNumbers
 from sea_jax import JointMeasurement, JointMotion
 from sea_jax.hooks import no_signals
 
@@ -58,19 +59,18 @@ class BodyReplay:
     """Inverse dynamics of the whole robot with a set of effects."""
 
     bodies: Bodies
-    params: BodyParams
     effects: ActiveEffects
     clamped: bool  # torso fixed to the world
 
     def residual(self, log: BodyLog, numbers: EffectNumbers) -> BodyResidual:
         """The residuals of every row with the effects' numbers."""
-        params = self.effects.apply("body_parameters", numbers, self.params)
+        params = self.effects.apply("body_parameters", numbers, self.bodies.params)
         return jax.vmap(lambda row: self._row(params, numbers, BodyLog(*row)))(tuple(log))
 
     def _row(self, params: BodyParams, numbers: EffectNumbers, row: BodyLog) -> BodyResidual:
         q, u = self._true_motion(row, numbers)
-        tau = self._true_torque(row, numbers) - self._drag(u, numbers)
-        s = smooth(self.bodies.tree, _inertias(params), q, u)
+        tau = true_torque(self.effects, numbers, row.q[7:], row.u[6:], row.torque) - self._drag(u, numbers)
+        s = self.bodies.smooth(params, q, u)
         base, legs = row.du[:6], row.du[6:].reshape(4, 3)
         force = jnp.zeros(6, jnp.float32)
         force = force.at[:3].set(self.effects.apply("torso_force", numbers, jnp.zeros(3, jnp.float32)))
@@ -110,25 +110,33 @@ class BodyReplay:
         motion = self.effects.apply("measured_motion", numbers, motion)
         return row.q.at[7:].set(motion.position), row.u.at[6:].set(motion.velocity)
 
-    def _true_torque(self, row: BodyLog, numbers: EffectNumbers) -> Array:
-        """Undo the torque sensor: every memoryless sensor effect is affine in what it falsifies."""
-        zero = jnp.zeros(12, jnp.float32)
-
-        def shown(torque):
-            measurement = JointMeasurement(row.q[7:], row.u[6:], torque, row.q[7:])
-            for effect, values in zip(self.effects.effects, numbers, strict=True):
-                if "measurement" in effect.equations and not effect.memory:
-                    one = ActiveEffects((effect,))
-                    measurement = one.apply("measurement", (values,), measurement)
-            return measurement.torque
-
-        offset = shown(zero)
-        return (row.torque - offset) / (shown(zero + 1.0) - offset)
-
     def _drag(self, u: Array, numbers: EffectNumbers) -> Array:
         zero = jnp.zeros(12, jnp.float32)
         signals = no_signals(zero, self.bodies.period)._replace(joint_velocity=u[6:])
         return self.effects.apply("joint_drag", numbers, zero, signals)
+
+
+def true_torque(
+    effects: ActiveEffects, numbers: EffectNumbers, position: Array, velocity: Array, torque: Array
+) -> Array:
+    """Torque (J,) behind the torque sensor: every memoryless sensor effect is affine in what it falsifies."""
+    zero = jnp.zeros_like(torque)
+
+    def shown(true: Array) -> Array:
+        measurement = JointMeasurement(position, velocity, true, position)
+        for effect, values in zip(effects.effects, numbers, strict=True):
+            if "measurement" in effect.equations and not effect.memory:
+                measurement = ActiveEffects((effect,)).apply("measurement", (values,), measurement)
+        return measurement.torque
+
+    offset = shown(zero)
+    return (torque - offset) / (shown(zero + 1.0) - offset)
+
+
+@lru_cache(maxsize=8)
+def body_replay(numbers: RobotNumbers, effects: ActiveEffects, clamped: bool) -> BodyReplay:
+    """The replay for a robot; logs of one robot get the same one, and so share its compiled program."""
+    return BodyReplay(make_bodies(numbers, dynamics="legs"), effects, clamped)
 
 
 def body_log(log: Log) -> BodyLog:
@@ -193,7 +201,3 @@ def solve3(a: Array, b: Array) -> Array:
     determinant = (r0 * c12).sum(-1)
     inverse = determinant / (determinant * determinant + 1e-10)
     return (b[..., 0:1] * c12 + b[..., 1:2] * c20 + b[..., 2:3] * c01) * inverse[..., None]
-
-
-def _inertias(params: BodyParams) -> Inertias:
-    return Inertias(params.mass, params.com, params.inertia, params.gravity)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from experiments.effects.effect import Effect
-from experiments.measurement.evidence import BODY_CHANNELS, DRIVE_CHANNELS, Evidence
+from experiments.measurement.evidence import DRIVE_CHANNELS, Evidence
 from experiments.measurement.gather import gather
 from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.log import Log
@@ -99,7 +99,10 @@ def _drive_channels(log: Evidence, fit: Refitted) -> list[Channel]:
     channels = []
     for c, signal in enumerate(DRIVE_CHANNELS):
         for j, joint in enumerate(log.atoms.joint_names):
-            over, y = residual[:, j, c], log.drive.measured[:, j, c]
+            rows = log.drive.used[:, j, c] > 0
+            if not rows.any():
+                continue
+            over, y = residual[rows, j, c], log.drive.measured[rows, j, c]
             error = over * log.drive.floor[j, c]
             fit_percent = 100.0 * (1.0 - np.linalg.norm(error) / max(np.linalg.norm(y - y.mean()), 1e-12))
             rms = lambda x: float(np.sqrt((x**2).mean()))  # noqa: E731
@@ -112,7 +115,7 @@ def _body_channels(log: Evidence, found: Misfit, fit: Refitted) -> list[Channel]
         return []
     return [
         Channel(name, float(over * floor), float(over), None, None)
-        for name, over, floor in zip(BODY_CHANNELS, found.body, log.body.floor, strict=True)
+        for name, over, floor in zip(log.body.channels, found.body, log.body.floor, strict=True)
         if np.isfinite(over)
     ]
 

@@ -23,21 +23,22 @@ CHANNELS = ("motor_position", "joint_torque", "motor_current")
 OUTSIDE_THE_LOOP = ("command", "measurement")  # hooks that act once a row, on what was logged
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class DriveReplay:
-    """Replay of J drives with effects."""
+    """Replay of J drives with effects: what is static about it."""
 
-    params: DriveParams
     periods: LoopPeriods
     effects: ActiveEffects
 
-    def predict(self, log: DriveLog, motion: JointMotion, numbers: EffectNumbers, shift: Array) -> Array:
+    def predict(
+        self, params: DriveParams, log: DriveLog, motion: JointMotion, numbers: EffectNumbers, shift: Array
+    ) -> Array:
         """Predicted CHANNELS (T, J, 3) on the log's rows.
 
-        motion: see `true_motion`; shift (J,) rad: what the first row's motor angle is wrong by.
+        params: nominal; motion: see `true_motion`; shift (J,) rad: what the first row's motor angle is wrong by.
         """
         active = self.effects
-        params = active.apply("drive_parameters", numbers, self.params)
+        params = active.apply("drive_parameters", numbers, params)
         hooks = active.drive_hooks(numbers)
         memory = active.memory(log.joint_position.shape[1])
         outside = {hook: memory.pop(hook, None) for hook in OUTSIDE_THE_LOOP}
@@ -54,7 +55,9 @@ class DriveReplay:
         shown = JointMeasurement(motion.position, motion.velocity, run.joint_torque, run.motor_position)
         sensors = active.hooks("measurement", numbers)
         shown = _along_rows(sensors, shown, signals, outside["measurement"])
-        return jnp.stack([shown.motor_position, shown.torque, run.motor_current], -1)
+        memory = active.memory_at("measured_current", log.joint_position.shape[1])
+        current = _along_rows(active.hooks("measured_current", numbers), run.motor_current, signals, memory)
+        return jnp.stack([shown.motor_position, shown.torque, current], -1)
 
 
 def true_motion(log: DriveLog, period: float, noise: dict[str, float]) -> JointMotion:

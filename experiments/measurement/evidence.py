@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.measurement.atoms import Atoms
-from experiments.measurement.body_evidence import BODY_HOOKS, KIND, MODEL_ERROR, BodyEvidence
-from experiments.measurement.body_evidence import CHANNELS as BODY_CHANNELS
+from experiments.measurement.body_evidence import BODY_HOOKS, BodyEvidence
 from experiments.measurement.body_replay import DECIMATION, filter_window
 from experiments.measurement.drive_evidence import DRIVE_HOOKS, DriveEvidence
 from experiments.measurement.drive_replay import CHANNELS as DRIVE_CHANNELS
-from experiments.measurement.features import Change, Products
+from experiments.measurement.features import Change, Products, Seeds
+from experiments.measurement.load_evidence import LoadEvidence
 from experiments.measurement.remembered import Remembered
 
 BLOCK = 0.5  # s: long against the residuals' correlation, short enough for many blocks in a log
@@ -20,7 +20,7 @@ SHIFT_PRIOR = 3e-4  # rad, standard deviation of what the first motor angle may 
 
 
 class Point(NamedTuple):
-    """Numbers at which the replay runs: atoms (n,), shift of the first motor angle (J,), channel offsets (26,)."""
+    """Numbers at which the replay runs: atoms (n,), shift of the first motor angle (J,), channel offsets (C,)."""
 
     x: np.ndarray
     shift: np.ndarray
@@ -34,16 +34,22 @@ class Evidence:
     name: str
     atoms: Atoms
     drive: DriveEvidence | None
-    body: BodyEvidence | None
+    body: BodyEvidence | LoadEvidence | None
     blocks: int
     period: float
     model_x: np.ndarray  # (n,)
+    seeds: Seeds
     drives_known: Remembered = field(default_factory=Remembered)
     bodies_known: Remembered = field(default_factory=Remembered)
 
+    @property
+    def offsets(self) -> int:
+        """Channels C of the bodies."""
+        return 0 if self.body is None else len(self.body.channels)
+
     def start(self) -> Point:
         """Where every fit begins: the model's own effects, nothing else off."""
-        return Point(self.model_x, np.zeros(len(self.atoms.joint_names)), np.zeros(len(BODY_CHANNELS)))
+        return Point(self.model_x, np.zeros(len(self.atoms.joint_names)), np.zeros(self.offsets))
 
     def drive_residual(self, points: list[Point]) -> np.ndarray:
         """(H, T, J, 3) in units of the floor. Points that differ only in what the drives do not feel are run once."""
@@ -52,7 +58,7 @@ class Evidence:
         return self.drives_known.ask(felt, lambda new: self.drive.residual(xs[new], shifts[new]))
 
     def body_residual(self, points: list[Point]) -> np.ndarray:
-        """(H, N, 26) in units of the floor."""
+        """(H, N, C) in units of the floor."""
         xs, offsets = np.stack([p.x for p in points]), np.stack([p.offset for p in points])
         felt = xs[:, self.atoms.touching(BODY_HOOKS)]
         found = self.bodies_known.ask(felt, lambda new: self.body.residual(xs[new]))
@@ -81,8 +87,7 @@ class Evidence:
         """Expected chi^2 of noise alone per block (blocks,)."""
         total = np.zeros(self.blocks)
         if self.drive is not None:
-            ones = np.full(self.drive.rows, 3.0 * len(self.atoms.joint_names))
-            total += sum_blocks(ones[None], self.block_of_drive(), self.blocks)[0]
+            total += sum_blocks(self.drive.used.sum((1, 2))[None], self.block_of_drive(), self.blocks)[0]
         if self.body is not None:
             total += sum_blocks((self.body.used / self.body.tau).sum(1)[None], self.block_of_body(), self.blocks)[0]
         return total
@@ -91,7 +96,7 @@ class Evidence:
         """Inner products of the features of `changes`, of this log's own nuisances and of the residual at a point."""
         sizes = [self.atoms.of(c.effect.name)[0].size for c in changes]
         start = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
-        joints, channels = len(self.atoms.joint_names), len(BODY_CHANNELS)
+        joints, channels = len(self.atoms.joint_names), self.offsets
         shift0, offset0 = start[-1], start[-1] + joints
         width = offset0 + channels + 1
         gram = np.zeros((self.blocks, width, width))
@@ -106,7 +111,7 @@ class Evidence:
 
     def local(self, at: Point, directions: np.ndarray) -> np.ndarray:
         """Gram matrices (blocks, c, c) of a few directions (k, n) at a point: directions, shifts, offsets, residual."""
-        k, joints, channels = len(directions), len(self.atoms.joint_names), len(BODY_CHANNELS)
+        k, joints, channels = len(directions), len(self.atoms.joint_names), self.offsets
         gram = np.zeros((self.blocks, k + joints + channels + 1, k + joints + channels + 1))
         moved = [at, *(at._replace(x=at.x + d) for d in directions)]
         if self.drive is not None:
@@ -124,7 +129,7 @@ class Evidence:
         return gram
 
     def nuisances(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients of a gram's nuisance columns as changes of shifts (J,) and offsets (26,)."""
+        """Coefficients of a gram's nuisance columns as changes of shifts (J,) and offsets (C,)."""
         joints = len(self.atoms.joint_names)
         return z[:joints] * SHIFT_PRIOR, z[joints:] * (self.offset_scale() if self.body is not None else 0.0)
 
@@ -134,13 +139,13 @@ class Evidence:
         return np.concatenate([at.shift / SHIFT_PRIOR, at.offset / scale])
 
     def _offset_columns(self) -> np.ndarray:
-        """What a constant error of each body channel, of the size of the model's own error, does: (26, N, 26)."""
+        """What a constant error of each body channel, of the size of the model's own error, does: (C, N, C)."""
         scale = self.offset_scale() / np.sqrt(self.body.tau)
         return np.einsum("nc,cd->cnd", self.body.used, np.diag(-scale))
 
     def offset_scale(self) -> np.ndarray:
         """Standard deviation of a channel's constant error, in units of its floor."""
-        return np.array([MODEL_ERROR[kind] for kind in KIND]) / self.body.floor
+        return self.body.model_error / self.body.floor
 
     def _drive_products(self, gram, at: Point, changes, start, shift0) -> None:
         at = at._replace(shift=np.zeros_like(at.shift))  # where the priors of the nuisances have their centre
@@ -208,4 +213,4 @@ def sum_blocks(rows: np.ndarray, block: np.ndarray, blocks: int) -> np.ndarray:
     return total
 
 
-__all__ = ["BODY_CHANNELS", "DRIVE_CHANNELS", "Evidence", "Point"]
+__all__ = ["DRIVE_CHANNELS", "Evidence", "Point"]

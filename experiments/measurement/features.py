@@ -5,9 +5,9 @@ A change sets an effect's numbers everywhere it can act and asks each part of th
 the nuisances and of the residual itself, summed over each block of the log, are all that selection needs.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -42,12 +42,16 @@ NUISANCES = frozenset({LOOP_LAG.name})  # fitted beside every hypothesis, never 
 SHARP = frozenset({"backlash", "command_delay", "sensor_delay", "stribeck_friction", "spring_hysteresis"})
 
 
-def changes_of(effects: tuple[Effect, ...]) -> tuple[list[Change], list[Variant]]:
-    """All changes to evaluate, and the linear hypotheses that they make."""
+Seeds = Mapping[str, tuple[Mapping[str, float], ...]]  # starts of the shape parameters, by effect
+
+
+def changes_of(effects: tuple[Effect, ...], logs: Sequence[Any] = ()) -> tuple[list[Change], list[Variant]]:
+    """All changes to evaluate, and the linear hypotheses that they make; logs may bring `seeds` of their own."""
     changes: list[Change] = []
     variants: list[Variant] = []
     for effect in effects:
-        for shapes, size in _shapes_and_sizes(effect):
+        own = tuple(seed for log in logs for seed in log.seeds.get(effect.name, ()))
+        for shapes, size in _shapes_and_sizes(effect, own):
             found = []
             for strength in effect.strengths:
                 found.append(len(changes))
@@ -57,10 +61,12 @@ def changes_of(effects: tuple[Effect, ...]) -> tuple[list[Change], list[Variant]
     return changes, variants
 
 
-def _shapes_and_sizes(effect: Effect) -> Iterator[tuple[tuple[tuple[str, float], ...], float]]:
+def _shapes_and_sizes(
+    effect: Effect, own: tuple[Mapping[str, float], ...]
+) -> Iterator[tuple[tuple[tuple[str, float], ...], float]]:
     default = {p.name: p.start for p in effect.parameters if p.role == "shape"}
     strengths = {p.name for p in effect.strengths}
-    seeds: list[Mapping[str, float]] = [{}, *effect.seeds]
+    seeds = own or ({}, *effect.seeds)
     shapes = {
         tuple(sorted({**default, **{k: v for k, v in seed.items() if k not in strengths}}.items())) for seed in seeds
     }

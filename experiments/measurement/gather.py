@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from experiments.effects.bench import GRAVITY_LOAD, elastic_effects
 from experiments.effects.delay import LOOP_LAG
 from experiments.effects.effect import Effect
 from experiments.errors import UserError
@@ -9,21 +10,34 @@ from experiments.measurement.atoms import Atoms
 from experiments.measurement.body_evidence import body_evidence
 from experiments.measurement.drive_evidence import drive_evidence
 from experiments.measurement.drive_log import drive_log, has_drives
+from experiments.measurement.drive_of_bench import drive_of
+from experiments.measurement.drive_ripple import ripple_lines
 from experiments.measurement.evidence import BLOCK, Evidence
 from experiments.measurement.joint_evidence import JointEvidence, joint_evidence
+from experiments.measurement.load_evidence import load_evidence
 from experiments.measurement.log import Log
 from experiments.model import JointNumbers, Model
-from mjx_starleth.bodies import make_bodies
+from mjx_starleth.numbers import load_numbers
 from sea_jax import params_from_numbers, periods_from_numbers
+from sea_jax.parameters import select_joints
 
 
 def model_for(log: Log, model: Model) -> Model:
     """The model given; for a log of a joint on a bench and the robot's model, the numbers in the log's own JSON."""
     if log.joint is None or model.joint is not None:
         return model
-    gravity = log.joint.further_numbers.get("gravity_load", 0.0)
-    joint = JointNumbers(**log.joint.model_dump(include=set(JointNumbers.model_fields)) | {"gravity_load": gravity})
+    known = log.joint.model_dump(include=set(JointNumbers.model_fields))
+    joint = JointNumbers(**known | {"drive": drive_of(log)})
     return Model(robot="joint", joint=joint)
+
+
+def library_for(model: Model, library: Mapping[str, Effect]) -> dict[str, Effect]:
+    """The effects that can be told on this model's logs; those of the load come with a bench joint alone."""
+    if model.joint is None:
+        return dict(library)
+    if model.joint.drive != "rigid":
+        return elastic_effects(library)
+    return dict(library) | {GRAVITY_LOAD.name: GRAVITY_LOAD}
 
 
 def gather(
@@ -31,19 +45,36 @@ def gather(
 ) -> Evidence | JointEvidence:
     """Everything that a log says; the model's own effects are among `effects`. Raises UserError."""
     if log.robot == "joint":
-        return joint_evidence(log, model, effects, noise)
+        elastic = model.joint is not None and model.joint.drive != "rigid"
+        return _elastic_joint(log, model, effects, noise) if elastic else joint_evidence(log, model, effects, noise)
     if model.numbers is None:
         raise UserError(f"{log.name} is a log of the robot, but the model is a single joint.")
     numbers = model.numbers.model_dump(mode="json")
     atoms = Atoms((*effects.values(), LOOP_LAG), log.joint_names)
-    blocks = max(int(log.rows * log.sample_period / BLOCK), 1)
     drive = body = None
     if has_drives(log):
         params, periods = params_from_numbers(numbers), periods_from_numbers(numbers)
         drive = drive_evidence(atoms, params, periods, drive_log(log), log.sample_period, noise)
     if log.joints("joint_torque") is not None:
-        bodies = make_bodies(model.numbers)
-        body = body_evidence(atoms, bodies, bodies.params, log, noise)
+        body = body_evidence(atoms, model.numbers, log, noise)
     if drive is None and body is None:
         raise UserError(f"{log.name} shows neither drives (commands and motor positions) nor joint torques: log them.")
-    return Evidence(log.name, atoms, drive, body, blocks, log.sample_period, atoms.placed(atoms.off(), model.effects))
+    return _evidence(log, model, atoms, drive, body)
+
+
+def _elastic_joint(log: Log, model: Model, effects: Mapping[str, Effect], noise: Mapping[str, float]) -> Evidence:
+    """A bench log of a joint on one of the robot's drives."""
+    numbers = load_numbers().model_dump(mode="json")
+    params = select_joints(params_from_numbers(numbers), [numbers["joints"].index(model.joint.drive)])
+    atoms, table = Atoms((*effects.values(), LOOP_LAG), log.joint_names), drive_log(log)
+    drive = drive_evidence(atoms, params, periods_from_numbers(numbers), table, log.sample_period, noise)
+    return _evidence(log, model, atoms, drive, load_evidence(atoms, model.joint, table, log.sample_period, noise))
+
+
+def _evidence(log: Log, model: Model, atoms: Atoms, drive, body) -> Evidence:
+    blocks = max(int(log.rows * log.sample_period / BLOCK), 1)
+    x = atoms.placed(atoms.off(), model.effects)
+    seeds = {}
+    if drive is not None and "torque_ripple" in {effect.name for effect in atoms.effects}:
+        seeds = {"torque_ripple": tuple({"harmonic": harmonic} for harmonic in ripple_lines(drive, x))}
+    return Evidence(log.name, atoms, drive, body, blocks, log.sample_period, x, seeds)

@@ -12,7 +12,7 @@ from experiments.effects.effect import Effect
 from experiments.errors import UserError
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.evidence import BLOCK, Point, add_products, changed, sum_blocks
-from experiments.measurement.features import Change, Products
+from experiments.measurement.features import Change, Products, Seeds
 from experiments.measurement.joint_replay import (
     STILL,
     JointLog,
@@ -81,6 +81,7 @@ class JointEvidence:
     floor: float
     blocks: int
     known: Remembered = field(default_factory=Remembered)
+    seeds: Seeds = field(default_factory=dict)  # none beyond those of its effects
     drive: None = field(default=None)
     body: None = field(default=None)
 

@@ -36,9 +36,10 @@ def with_ripple_seeds(
 
 def _gain(basis: np.ndarray, rest: np.ndarray, effort: np.ndarray, angle: np.ndarray) -> float:
     """Share of the rest that a ripple at this angle explains."""
-    pair = np.stack([_without(basis, effort * np.sin(angle)), _without(basis, effort * np.cos(angle))], 1)
-    solution, *_ = np.linalg.lstsq(pair, rest, rcond=None)
-    return float(((pair @ solution) ** 2).sum())
+    waves = [wave * of for of in (effort, np.ones_like(effort)) for wave in (np.sin(angle), np.cos(angle))]
+    lines = np.stack([_without(basis, wave) for wave in waves], 1)
+    solution, *_ = np.linalg.lstsq(lines, rest, rcond=None)
+    return float(((lines @ solution) ** 2).sum())
 
 
 def _without(basis: np.ndarray, x: np.ndarray) -> np.ndarray:

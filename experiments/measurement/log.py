@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,11 +50,8 @@ class BenchJoint(BaseModel):
     kind: Literal["revolute", "prismatic"] = "revolute"
     inertia: float = Field(gt=0)
     viscous_friction: float = Field(default=0.0, ge=0)
-
-    @property
-    def further_numbers(self) -> dict[str, Any]:
-        """What the JSON says beyond the fields above, such as the gravity load."""
-        return dict(self.model_extra or {})
+    gravity_load: float = 0.0  # N m at 90 degrees from hanging down
+    drive: Literal["rigid", "HAA", "HFE", "KFE"] | None = None  # or the joint kind whose elastic drive turns it
 
 
 def signal_names(signal: str, joint: BenchJoint | None) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ class LogInfo(BaseModel):
     sample_period: float = Field(gt=0, le=10)  # s
     noise_std: dict[str, Annotated[float, Field(ge=0)]] = {}
     joint: BenchJoint | None = None
+    drive: Literal["rigid", "HAA", "HFE", "KFE"] | None = None  # of the joint on the bench, unless it says so itself
     units: dict[str, Text] = {}
     source: Text = ""
 

@@ -8,7 +8,7 @@ import numpy as np
 from experiments.errors import UserError
 from experiments.files import read_bytes, shown
 from experiments.measurement.column_map import ColumnMap, conversions, read_column_map
-from experiments.measurement.log import SIGNALS, Log, SignalTable, signal_names
+from experiments.measurement.log import SIGNALS, BenchJoint, Log, SignalTable, signal_names
 from experiments.measurement.log_info import LogInfo, read_info
 from experiments.measurement.tables import LIMITS, Columns, Limits, read_csv, read_npz, read_parquet
 
@@ -98,10 +98,16 @@ def make_log(columns: Columns, info: LogInfo, column_map: ColumnMap | None = Non
         experiment=info.experiment,
         sample_period=info.sample_period,
         noise_std={signal: std for signal, std in info.noise_std.items() if std > 0},  # 0: not known
-        joint=info.joint,
+        joint=_with_drive(info),
         time=values("time"),
         signals=tables,
         name=name,
         source=info.source,
         unread=tuple(unread),
     )
+
+
+def _with_drive(info: LogInfo) -> BenchJoint | None:
+    if info.joint is None or info.drive is None or info.joint.drive is not None:
+        return info.joint
+    return info.joint.model_copy(update={"drive": info.drive})

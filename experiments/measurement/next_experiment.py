@@ -8,7 +8,6 @@ import numpy as np
 
 from controller_jax.geometry import geometry_from_numbers
 from experiments.files import write_text
-from experiments.measurement import drive_evidence
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.drive_log import DriveLog
 from experiments.measurement.drive_replay import true_motion
@@ -82,7 +81,7 @@ def _points(atoms: Atoms, x: np.ndarray, winner: Sequence[Placed], rival: Sequen
 
 def _play(log: Evidence, rows: DriveLog, motion: JointMotion, xs: np.ndarray) -> np.ndarray:
     shifts = np.zeros((len(xs), len(log.atoms.joint_names)))
-    return drive_evidence.predict(log.drive.replay, log.atoms, rows, motion, xs, shifts)
+    return log.drive.play(rows, motion, xs, shifts)
 
 
 def _commanded(excitation: Excitation, period: float) -> DriveLog:

@@ -1,11 +1,12 @@
 """What may be a little off without being a missing effect: the robot's nominal numbers, and the timing of its loops."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from experiments.effects.delay import LOOP_LAG
 from experiments.effects.effect import Effect
 from experiments.measurement.refit import Nominal
 from experiments.model import JointNumbers, Model
+from mjx_starleth.numbers import RobotNumbers, load_numbers
 
 WIDE = 0.06  # relative standard deviation of the numbers of a robot that is not quite its data sheet
 LAG = 1.5e-4  # s, standard deviation of when the velocity loops run within their 0.5 ms
@@ -26,38 +27,32 @@ def _freedom(model: Model) -> tuple[Nominal, ...]:
     """Nominal numbers that may be off, each robot-wide or by kind of joint, as its numbers are given."""
     if model.joint is not None:
         return joint_freedom(model.joint)
-    n = model.numbers
-    drive = n.drive
-    springs = [Nominal("spring_stiffness", kind, "relative", WIDE) for kind in ("HAA", "HFE", "KFE")]
-    dampers = [
-        Nominal("spring_damping", kind, "coefficient", WIDE * getattr(drive.spring_damping, kind))
-        for kind in ("HAA", "HFE", "KFE")
-    ]
-    links = [Nominal("link_mass", kind, "relative", WIDE) for kind in ("HAA", "HFE", "KFE")]
-    gears = [
-        Nominal(effect, kind, parameter, WIDE * size)
-        for effect, parameter, size in (
-            ("coulomb_friction", "torque", drive.friction_coulomb),
-            ("viscous_friction", "coefficient", drive.friction_viscous),
-            ("motor_inertia", "relative", 1.0),
-            ("torque_constant", "relative", 1.0),
-        )
-        for kind in ("HAA", "HFE", "KFE")
-    ]
-    return (
-        *gears,
-        Nominal("payload", "torso", "mass", WIDE * n.bodies.torso.mass),
-        *springs,
-        *dampers,
-        *links,
-    )
+    numbers, kinds = model.numbers, ("HAA", "HFE", "KFE")
+    payload = Nominal("payload", "torso", "mass", WIDE * numbers.bodies.torso.mass)
+    links = [Nominal("link_mass", kind, "relative", WIDE) for kind in kinds]
+    return (*_drive_freedom(numbers, {kind: kind for kind in kinds}), payload, *links)
+
+
+def _drive_freedom(numbers: RobotNumbers, places: Mapping[str, str]) -> Iterator[Nominal]:
+    """Numbers of the drives of these kinds of joint, each at its place."""
+    drive = numbers.drive
+    for kind, where in places.items():
+        yield Nominal("coulomb_friction", where, "torque", WIDE * drive.friction_coulomb)
+        yield Nominal("viscous_friction", where, "coefficient", WIDE * drive.friction_viscous)
+        yield Nominal("motor_inertia", where, "relative", WIDE)
+        yield Nominal("torque_constant", where, "relative", WIDE)
+        yield Nominal("spring_stiffness", where, "relative", WIDE)
+        yield Nominal("spring_damping", where, "coefficient", WIDE * getattr(drive.spring_damping, kind))
 
 
 def joint_freedom(joint: JointNumbers) -> tuple[Nominal, ...]:
     """The same for a single joint on a bench."""
-    found = [Nominal("motor_inertia", joint.name, "relative", WIDE)]
+    rigid = joint.drive == "rigid"
+    inertia, friction = ("motor_inertia", "viscous_friction") if rigid else ("load_inertia", "joint_viscous_drag")
+    found = [] if rigid else list(_drive_freedom(load_numbers(), {joint.drive: joint.name}))
+    found.append(Nominal(inertia, joint.name, "relative", WIDE))
     if joint.viscous_friction > 0:
-        found.append(Nominal("viscous_friction", joint.name, "coefficient", WIDE * joint.viscous_friction))
+        found.append(Nominal(friction, joint.name, "coefficient", WIDE * joint.viscous_friction))
     if joint.gravity_load != 0:
         found.append(Nominal("gravity_load", joint.name, "torque", WIDE * abs(joint.gravity_load)))
     return tuple(found)

@@ -50,7 +50,8 @@ def misfit(log: Evidence | JointEvidence, fit: Refitted, index: int, blocks: np.
     drive = body = None
     if log.drive is not None:
         here = blocks[log.block_of_drive()]
-        drive = np.sqrt((log.drive_residual([point])[0][here] ** 2).mean(0)).T
+        count = log.drive.used[here].sum(0)
+        drive = np.sqrt((log.drive_residual([point])[0][here] ** 2).sum(0) / np.maximum(count, 1.0)).T
     if log.body is not None:
         here = blocks[log.block_of_body()]
         r, used = log.body_residual([point])[0][here], log.body.used[here]
@@ -73,15 +74,17 @@ def unexplained(logs: Sequence[Evidence], selection: Selection) -> float:
     return after / before if before > 0 else 0.0
 
 
+def worst(logs: Sequence[Evidence], fit: Refitted) -> float:
+    """The largest residual over noise of any channel of any log."""
+    return max(misfit(log, fit, i).worst for i, log in enumerate(logs))
+
+
 def decide(logs: Sequence[Evidence], selection: Selection) -> tuple[Verdict, tuple[Placed, ...]]:
     """The verdict and the effects that it names."""
-    left = max(misfit(log, selection.fit, i).worst for i, log in enumerate(logs))
+    left = worst(logs, selection.fit)
     effects = selection.fit.effects
-    if not effects:
-        return ("none" if left <= FLOOR * 1.3 else "unknown"), ()
-    share = 1.0 - unexplained(logs, selection)
-    if share < FOUND_SHARE:
-        return "unknown", ()
+    if not effects or unexplained(logs, selection) > 1.0 - FOUND_SHARE:
+        return ("none" if worst(logs, selection.ladder[0].fit) <= FLOOR * 1.3 else "unknown"), ()
     if any(tied and _large(logs, selection, k) for k, tied in enumerate(selection.ties)):
         return "not_identifiable", effects
     return ("explained" if left <= 1.5 * FLOOR else "partly_explained"), effects

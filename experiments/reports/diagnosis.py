@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from experiments.measurement.diagnose import Diagnosis
-from experiments.measurement.evidence import BODY_CHANNELS, DRIVE_CHANNELS, Evidence
+from experiments.measurement.evidence import DRIVE_CHANNELS, Evidence
 from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.refit import Refitted
 from experiments.measurement.selection import best_of_each
@@ -61,7 +61,7 @@ def _maps(found: Diagnosis) -> list[Block]:
                 joints = log.atoms.joint_names
                 caption = f"{log.name}: residual over noise of the drives, {label} adding effects."
                 blocks.append(Figure(heat(one.drive.T, DRIVE_CHANNELS, joints), caption))
-        body = [(n, b, a) for n, b, a in _body_rows(before.body, after.body)]
+        body = [] if log.body is None else list(_body_rows(log.body.channels, before.body, after.body))
         if before.effort is not None:
             rows = [("effort", f"{before.worst:.2f}", f"{after.worst:.2f}")]
             blocks.append(Table(("channel of the joint", "before", "after"), rows, f"{log.name}.", numeric=(1, 2)))
@@ -73,10 +73,8 @@ def _maps(found: Diagnosis) -> list[Block]:
     return blocks
 
 
-def _body_rows(before, after):
-    if before is None:
-        return
-    for name, b, a in zip(BODY_CHANNELS, before, after, strict=True):
+def _body_rows(channels, before, after):
+    for name, b, a in zip(channels, before, after, strict=True):
         if np.isfinite(b):
             yield name, b, a
 

@@ -38,7 +38,7 @@ def replays():
     """Replay of hard-driven joints for any table of atoms: one compiled program for all effects."""
     numbers = nominal_model().numbers.model_dump(mode="json")
     atoms = Atoms(tuple(LIBRARY[name] for name in ON_DRIVES), JOINT_NAMES)
-    replay = DriveReplay(params_from_numbers(numbers), LoopPeriods(), atoms.active())
+    params, replay = params_from_numbers(numbers), DriveReplay(LoopPeriods(), atoms.active())
     time = 2.5e-3 * np.arange(ROWS)[:, None]
     phase = np.linspace(0, 3, 12)[None, :]
     q, v = 0.3 * np.sin(20 * time + phase), 6.0 * np.cos(20 * time + phase)
@@ -48,7 +48,7 @@ def replays():
     columns = (torque, q, zero, q, v, zero, q + 0.1, zero, zero)
     log = DriveLog(*(np.asarray(c, np.float32) for c in columns))
     motion = true_motion(log, 2.5e-3, {})
-    run = jax.jit(lambda x: replay.predict(log, motion, atoms.numbers(x), jnp.zeros(12)))
+    run = jax.jit(lambda x: replay.predict(params, log, motion, atoms.numbers(x), jnp.zeros(12)))
     return atoms, lambda x: np.asarray(run(jnp.asarray(x, jnp.float32)))
 
 

@@ -1,0 +1,79 @@
+"""The diagnosis on logs of the independent plant, which shares no code with the model, and its benchmark."""
+
+from pathlib import Path
+
+import pytest
+
+from experiments.diagnosis_benchmark.beyond_log import jump
+from experiments.diagnosis_benchmark.run import run
+from experiments.effects.library import LIBRARY
+from experiments.errors import UserError
+from experiments.independent_plant.generate import write_batch
+from experiments.independent_plant.library import Effect
+from experiments.independent_plant.runner import Case
+from experiments.measurement.diagnose import Diagnosis, diagnose
+from experiments.measurement.gather import library_for, model_for
+from experiments.measurement.intake import read_checked
+from experiments.model import nominal_model
+from experiments.replay import replay
+from experiments.tasks.definition import load_task
+
+DURATION = 4.0  # s
+
+
+def diagnosed(folder: Path, case: Case) -> Diagnosis:
+    write_batch([case], [1], folder)
+    log = read_checked(folder / "case_0001.csv.gz", None, nominal_model())
+    model = model_for(log, nominal_model())
+    return diagnose([log], model, library_for(model, LIBRARY), lambda text: None)
+
+
+def test_a_robot_without_a_hidden_effect_lacks_nothing(tmp_path) -> None:
+    found = diagnosed(tmp_path, Case("air", seed=3, duration=DURATION))
+    assert found.verdict == "none" and found.answer["effects"] == []
+
+
+def test_hidden_friction_is_named_placed_and_measured(tmp_path) -> None:
+    hidden = Effect("coulomb_friction", "HFE", {"level": 0.004})
+    found = diagnosed(tmp_path, Case("air", effects=(hidden,), seed=4, duration=DURATION))
+    (entry,) = found.answer["effects"]
+    assert (found.verdict, entry["effect"], entry["where"]) == ("explained", "coulomb_friction", "HFE")
+    low, high = entry["parameters"]["torque"]["ci95"]
+    assert low - 1e-4 < 0.004 < high + 1e-4 and high - low < 4e-4
+    assert found.answer["held_out_rms"] < 1.05
+
+
+@pytest.mark.parametrize(
+    "hidden",
+    [Effect("spring_stiffness", "all", {"change": -0.2}), Effect("joint_coulomb_drag", "all", {"level": 0.15})],
+)
+def test_a_bench_joint_is_diagnosed_on_both_sides_of_its_spring(tmp_path, hidden: Effect) -> None:
+    found = diagnosed(tmp_path, Case("bench_KFE", effects=(hidden,), seed=5, duration=DURATION))
+    assert [(entry["effect"], entry["where"]) for entry in found.answer["effects"]] == [(hidden.effect, "axis")]
+
+
+def test_the_benchmark_scores_against_a_truth_that_no_diagnosis_sees_and_resumes(tmp_path) -> None:
+    said: list[str] = []
+    result = run(tmp_path, 3, 0, DURATION, ["diagnosis"], 1, said.append)
+    assert not list((tmp_path / "logs").glob("*truth*")) and (tmp_path / "truth.json").exists()
+    (row,) = result["methods"]
+    assert row["method"] == "diagnosis" and row["right_effect_first"][0] >= 0.5 * row["right_effect_first"][1]
+    answers = {path: path.stat().st_mtime_ns for path in (tmp_path / "answers").iterdir()}
+    assert len(answers) == 3
+    assert run(tmp_path, 3, 0, DURATION, ["diagnosis"], 1, said.append) == result
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "answers").iterdir()} == answers
+    with pytest.raises(UserError, match="another benchmark"):
+        run(tmp_path, 4, 0, DURATION, ["diagnosis"], 1, said.append)
+    with pytest.raises(UserError, match="No method"):
+        run(tmp_path, 3, 0, DURATION, ["oracle"], 1, said.append)
+
+
+@pytest.mark.slow
+def test_a_jump_on_the_independent_plant_is_that_of_the_model_and_friction_lowers_it() -> None:
+    definition, model = load_task("squat_jump"), nominal_model()
+    values = definition.space().initial
+    score, _ = replay(values, definition, model, "full", "moreau", LIBRARY)
+    sound = jump(values, definition, model, ())
+    worn = jump(values, definition, model, (Effect("coulomb_friction", "all", {"level": 0.006}),))
+    assert sound.apex_height == pytest.approx(float(score.metrics["apex_height"]), abs=0.03)
+    assert worn.apex_height < sound.apex_height - 0.01
