@@ -199,6 +199,9 @@ class RobotNumbers(_Numbers):
     loops: LoopNumbers
     sources: dict[str, str] = {}  # path of a value, or of what it is part of -> where it comes from; prose
 
+    def __hash__(self) -> int:
+        return hash(self.model_dump_json(exclude={"sources"}))
+
 
 def load_numbers(path: str | Path | None = None) -> RobotNumbers:
     """Numbers of the robot from a JSON file, or the package's own StarlETH.
