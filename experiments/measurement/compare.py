@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from experiments.effects.effect import Effect
-from experiments.measurement.evidence import DRIVE_CHANNELS, Evidence
+from experiments.measurement.body_replay import DECIMATION, SMOOTHING
+from experiments.measurement.evidence import DRIVE_CHANNELS, Evidence, Point
 from experiments.measurement.gather import gather
 from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.log import Log
@@ -87,9 +88,9 @@ def compare(log: Log, model: Model, library: Mapping[str, Effect]) -> Comparison
     fit = refit([evidence], (), timing(evidence.atoms.effects), iterations=3)
     found = misfit(evidence, fit, 0)
     if isinstance(evidence, JointEvidence):
-        return Comparison(evidence, fit, found, (_effort_channel(evidence, fit),), _joint_regimes(evidence, fit))
+        return Comparison(evidence, fit, found, (_effort_channel(evidence, fit),), regimes(evidence, fit))
     channels = (*_drive_channels(evidence, fit), *_body_channels(evidence, found, fit))
-    return Comparison(evidence, fit, found, channels, _regimes(evidence, fit))
+    return Comparison(evidence, fit, found, channels, regimes(evidence, fit))
 
 
 def _drive_channels(log: Evidence, fit: Refitted) -> list[Channel]:
@@ -113,11 +114,14 @@ def _drive_channels(log: Evidence, fit: Refitted) -> list[Channel]:
 def _body_channels(log: Evidence, found: Misfit, fit: Refitted) -> list[Channel]:
     if log.body is None:
         return []
-    return [
-        Channel(name, float(over * floor), float(over), None, None)
-        for name, over, floor in zip(log.body.channels, found.body, log.body.floor, strict=True)
-        if np.isfinite(over)
-    ]
+    residual = log.body_residual([fit.points[0]])[0]
+    apart = max(round(2.0 * SMOOTHING / (DECIMATION * log.period)), 1)  # rows that share no noise through the filter
+    channels = []
+    for c, (name, over, floor) in enumerate(zip(log.body.channels, found.body, log.body.floor, strict=True)):
+        if np.isfinite(over):
+            white = whiteness(residual[::apart, c], log.body.used[::apart, c])
+            channels.append(Channel(name, float(over * floor), float(over), None, white))
+    return channels
 
 
 def _effort_channel(log: JointEvidence, fit: Refitted) -> Channel:
@@ -128,29 +132,36 @@ def _effort_channel(log: JointEvidence, fit: Refitted) -> Channel:
     return Channel(f"applied_torque/{log.atoms.joint_names[0]}", size * log.floor, size, percent, whiteness(over))
 
 
-def whiteness(residual: np.ndarray) -> float:
-    """RMS autocorrelation over the first lags, relative to that of white noise: about 1 if white."""
-    x = residual - residual.mean()
+def whiteness(residual: np.ndarray, used: np.ndarray | None = None) -> float:
+    """RMS autocorrelation over the first lags, relative to that of white noise: about 1 if white.
+
+    residual (T,), zero on rows that do not count; used (T,): 1.0 on those that do (default: all).
+    """
+    used = np.ones(len(residual)) if used is None else used
+    x = residual - used * residual.sum() / max(used.sum(), 1.0)
     energy = float(x @ x)
     if energy <= 0:
         return 1.0
     rho = np.array([x[:-k] @ x[k:] for k in range(1, WHITE_LAG + 1)]) / energy
-    return float(np.sqrt((rho**2).mean() * len(x)))
+    return float(np.sqrt((rho**2).mean() * used.sum()))
 
 
-def _regimes(log: Evidence, fit: Refitted) -> np.ndarray | None:
+def regimes(log: Evidence | JointEvidence, fit: Refitted, index: int = 0) -> np.ndarray | None:
+    """Residual over noise (joints, REGIMES) of the index-th log of a fit; None where no drive was measured."""
+    if isinstance(log, JointEvidence):
+        return _joint_regimes(log, fit.points[index])
     if log.drive is None:
         return None
-    r = np.sqrt((log.drive_residual([fit.points[0]])[0] ** 2).mean(2))
+    r = np.sqrt((log.drive_residual([fit.points[index]])[0] ** 2).mean(2))
     d, rows = log.drive.log, log.drive.rows
     motion = _motion_regimes(d.joint_velocity[:rows], d.joint_torque[:rows], log.period, 1.0)
     mode = d.position_mode[:rows]
     return _by_regime(r, (*motion, mode > 0.5, mode < 0.5))
 
 
-def _joint_regimes(log: JointEvidence, fit: Refitted) -> np.ndarray:
+def _joint_regimes(log: JointEvidence, point: Point) -> np.ndarray:
     """The same for a rigid joint, its speeds counted from its own largest one; it has no modes."""
-    r = np.abs(log.residual([fit.points[0]]))
+    r = np.abs(log.residual([point]))
     v = log.filter.thinned(log.log.velocity[None])
     never = np.zeros_like(r.T, bool)
     unit = float(np.abs(v).max()) / (2.0 * FAST)

@@ -67,10 +67,13 @@ class Evidence:
     def block_of_drive(self) -> np.ndarray:
         return np.minimum((np.arange(self.drive.rows) * self.period / BLOCK).astype(int), self.blocks - 1)
 
-    def block_of_body(self) -> np.ndarray:
+    def time_of_body(self) -> np.ndarray:
+        """Time of each residual of the bodies (N,), s from the log's start."""
         first = filter_window(self.period) // 2
-        time = (first + DECIMATION * np.arange(len(self.body.used))) * self.period
-        return np.minimum((time / BLOCK).astype(int), self.blocks - 1)
+        return (first + DECIMATION * np.arange(len(self.body.used))) * self.period
+
+    def block_of_body(self) -> np.ndarray:
+        return np.minimum((self.time_of_body() / BLOCK).astype(int), self.blocks - 1)
 
     def chi2(self, points: list[Point]) -> np.ndarray:
         """Sum of squared residuals, body rows thinned to independent ones: (H, blocks)."""

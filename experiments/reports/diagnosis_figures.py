@@ -1,0 +1,145 @@
+"""Pictures of a diagnosis: the error ladder, where the model fails before and after, what was measured, what is left."""
+
+import numpy as np
+import plotly.graph_objects as go
+
+from experiments.measurement.compare import REGIMES, regimes
+from experiments.measurement.diagnose import Diagnosis
+from experiments.measurement.evidence import DRIVE_CHANNELS, Evidence
+from experiments.measurement.joint_evidence import JointEvidence
+from experiments.measurement.verdict import held_out_error
+from experiments.reports.bench_figures import bench_signals, bench_spectrum
+from experiments.reports.comparison import heat
+from experiments.reports.figures import BLUE, GREY, ORANGE, line, new_figure
+from experiments.reports.page import Block, Columns, Figure, Table
+
+SHOWN = 1200  # samples of a signal in a figure
+BINS = 60  # of a spectrum
+LOWEST = 0.3  # Hz
+BEFORE, AFTER = "nominal model", "with the effects"
+
+
+def ladder(found: Diagnosis) -> Block:
+    """The worst channel, and the RMS over all, on the blocks that each rung was not fitted to."""
+    names = [rung.name for rung in found.selection.ladder]
+    worst = [held_out_error(found.logs, rung.proof) for rung in found.selection.ladder]
+    figure = new_figure(height=320)
+    text = [f"{error:.2f}" for error in worst]
+    figure.add_trace(go.Bar(x=names, y=worst, marker_color=BLUE, text=text, width=0.5, name="worst channel"))
+    figure.add_hline(y=1.0, line_dash="dot", annotation_text="sensor noise")
+    figure.update_yaxes(title="residual over noise, held out", range=[0, 1.15 * max(*worst, 1.0)])
+    return Figure(figure, "Worst channel of the replay after each added effect, on parts of the logs not fitted to.")
+
+
+def maps(found: Diagnosis) -> list[Block]:
+    """Joint by regime and joint by channel, before and after side by side; bodies and contact as a table."""
+    blocks: list[Block] = []
+    first, last = found.selection.ladder[0].fit, found.selection.fit
+    for i, (log, before, after) in enumerate(zip(found.logs, found.before, found.after, strict=True)):
+        joints = log.atoms.joint_names
+        sides = [(BEFORE, before, first)] + ([(AFTER, after, last)] if found.selection.fit.effects else [])
+        columns = []
+        for label, misfit, fit in sides:
+            by_regime = regimes(log, fit, i)
+            column = []
+            if by_regime is not None:
+                column.append(Figure(heat(by_regime, REGIMES, joints), f"{log.name}, {label}: residual over noise."))
+            if misfit.drive is not None:
+                by_channel = heat(misfit.drive.T, DRIVE_CHANNELS, joints)
+                column.append(Figure(by_channel, f"{log.name}, {label}: the drives' channels."))
+            columns.append(column)
+        if any(columns):
+            blocks.append(Columns(columns))
+        blocks += _rest(log, before, after)
+    return blocks
+
+
+def _rest(log: Evidence | JointEvidence, before, after) -> list[Block]:
+    """Channels that belong to no drive."""
+    rows = []
+    if before.effort is not None:
+        rows = [("effort", before.worst, after.worst)]
+    elif log.body is not None:
+        pairs = zip(log.body.channels, before.body, after.body, strict=True)
+        rows = [(name, b, a) for name, b, a in pairs if np.isfinite(b)]
+    if not rows:
+        return []
+    header = ("channel of bodies and contact", "before", "after")
+    return [Table(header, [(n, f"{b:.2f}", f"{a:.2f}") for n, b, a in rows], f"{log.name}.", numeric=(1, 2))]
+
+
+def signals(found: Diagnosis) -> list[Block]:
+    """Of each part of the plant, the channel that the nominal model misses most, before and after."""
+    blocks: list[Block] = []
+    steps = found.selection.ladder
+    for i, log in enumerate(found.logs):
+        if isinstance(log, JointEvidence):
+            blocks += bench_signals(log, i, steps[0], steps[-1])
+            continue
+        if log.drive is not None:
+            blocks.append(_drive_signal(found, i, log))
+        if log.body is not None and np.isfinite(found.before[i].body).any():
+            blocks.append(_body_signal(found, i, log))
+    return blocks
+
+
+def _drive_signal(found: Diagnosis, i: int, log: Evidence) -> Block:
+    c, j = np.unravel_index(np.argmax(found.before[i].drive), found.before[i].drive.shape)
+    rows = slice(0, min(SHOWN, log.drive.rows))
+    time = np.arange(log.drive.rows)[rows] * log.period
+    figure = new_figure(height=360)
+    figure.add_trace(line(time, log.drive.measured[rows, j, c], "measured", GREY))
+    for name, fit, colour in _fits(found):
+        point = fit.points[i]
+        predicted = log.drive.predict(point.x[None], point.shift[None])[0]
+        figure.add_trace(line(time, predicted[rows, j, c], name, colour))
+    figure.update_xaxes(title="s")
+    name = f"{DRIVE_CHANNELS[c]} of {log.atoms.joint_names[j]}"
+    return Figure(figure, f"{log.name}: {name}, the drives' channel that the nominal model misses most.", True)
+
+
+def _body_signal(found: Diagnosis, i: int, log: Evidence) -> Block:
+    c = int(np.nanargmax(found.before[i].body))
+    figure = new_figure(height=320)
+    time = log.time_of_body()
+    for name, fit, colour in _fits(found):
+        left = log.body_residual([fit.points[i]])[0][:, c]
+        figure.add_trace(line(time, np.where(log.body.used[:, c] > 0, left, np.nan), name, colour))
+    figure.update_xaxes(title="s")
+    figure.update_yaxes(title="left over, in noise deviations")
+    caption = f"{log.name}: {log.body.channels[c]}, what the equations of motion leave of it where it is measured."
+    return Figure(figure, caption, True)
+
+
+def spectra(found: Diagnosis) -> list[Block]:
+    """Residual power over frequency, before and after; noise alone is at 1."""
+    blocks: list[Block] = []
+    steps = found.selection.ladder
+    shown = (steps[0], steps[-1]) if len(steps) > 1 else tuple(steps[:1])
+    for i, log in enumerate(found.logs):
+        if isinstance(log, JointEvidence):
+            blocks += bench_spectrum(log, i, shown)
+        elif log.drive is not None:
+            figure = new_figure(height=320)
+            for name, fit, colour in _fits(found):
+                figure.add_trace(_spectrum(log.drive_residual([fit.points[i]])[0], log.period, name, colour))
+            figure.update_xaxes(type="log", title="Hz")
+            figure.update_yaxes(type="log", title="residual power, 1 = noise")
+            blocks.append(Figure(figure, f"{log.name}: spectrum of the drives' residuals; white noise lies at 1."))
+    return blocks
+
+
+def _spectrum(residual: np.ndarray, period: float, name: str, colour: str) -> go.Scatter:
+    power = (np.abs(np.fft.rfft(residual, axis=0)) ** 2).mean((1, 2)) / len(residual)
+    frequency = np.fft.rfftfreq(len(residual), period)
+    bins = np.geomspace(max(frequency[1], LOWEST), frequency[-1], BINS)
+    index = np.digitize(frequency, bins)
+    mean = [power[index == b].mean() if (index == b).any() else np.nan for b in range(1, len(bins))]
+    return line(bins[:-1], np.array(mean), name, colour)
+
+
+def _fits(found: Diagnosis):
+    """The nominal fit, and the last one where effects were added: (name, fit, colour)."""
+    yield BEFORE, found.selection.ladder[0].fit, ORANGE
+    if found.selection.fit.effects:
+        yield AFTER, found.selection.fit, BLUE
