@@ -154,11 +154,11 @@ def held_out_rms(selection: Selection, logs: Sequence[Evidence | JointEvidence])
 
 
 def ranking_entries(selection: Selection) -> list[dict[str, Any]]:
-    """`ranking` of the answer file: each effect at its best place, by its first score."""
+    """`ranking` of the answer file: what was proven, then each effect at its best place by its first, linear score."""
     if not selection.rankings:
         return []
-    return [
-        {"effect": s.effect.name, "where": s.where, "score": round(s.gain, 3)}
-        for s in best_of_each(selection.rankings[0])
-        if s.gain > 0
-    ]
+    proven = {placed.effect: placed.where for placed in selection.fit.effects}
+    first = [s for s in selection.rankings[0] if proven.get(s.effect.name) == s.where]
+    order = [s for name in proven for s in first if s.effect.name == name][: len(proven)]
+    order += [s for s in best_of_each(selection.rankings[0]) if s.gain > 0 and s.effect.name not in proven]
+    return [{"effect": s.effect.name, "where": s.where, "score": round(s.gain, 3)} for s in order]

@@ -25,9 +25,9 @@ def ladder(found: Diagnosis) -> Block:
     worst = [held_out_error(found.logs, rung.proof) for rung in found.selection.ladder]
     figure = new_figure(height=320)
     text = [f"{error:.2f}" for error in worst]
-    figure.add_trace(go.Bar(x=names, y=worst, marker_color=BLUE, text=text, width=0.5, name="worst channel"))
+    figure.add_trace(go.Bar(x=names, y=worst, marker_color=BLUE, text=text, textposition="outside", width=0.5))
     figure.add_hline(y=1.0, line_dash="dot", annotation_text="sensor noise")
-    figure.update_yaxes(title="residual over noise, held out", range=[0, 1.15 * max(*worst, 1.0)])
+    figure.update_yaxes(title="residual over noise, held out", range=[0, 1.2 * max(*worst, 1.0)])
     return Figure(figure, "Worst channel of the replay after each added effect, on parts of the logs not fitted to.")
 
 
