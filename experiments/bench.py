@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from mujoco import mjx, rollout
+from mujoco import rollout
 
 from controller_jax.force_distribution import distribute_forces, init_distribution
 from controller_jax.force_problem import SupportLegs
@@ -31,6 +31,7 @@ from experiments.tasks.registry import make_task
 from experiments.trial import nominal_trial
 from mjx_starleth.bodies import BodyInput, BodyState
 from mjx_starleth.mjcf import mjcf
+from mjx_starleth.mjx_quiet import mjx
 from mjx_starleth.numbers import RobotNumbers
 from sea_jax import JointCommand, JointMeasurement, JointMotion
 
