@@ -1,4 +1,4 @@
-"""The robot's own senses: an IMU and joint encoders, from which the extended Kalman filter estimates the torso (III.A)."""
+"""The robot's own senses: IMU and joint encoders, from which the extended Kalman filter estimates the torso (III.A)."""
 
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple

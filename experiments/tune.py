@@ -128,7 +128,9 @@ class StagedEvaluation:
         for drive, sensing in later:
             evaluation = self.on(drive, sensing)
             members = crossed(np.repeat(guess, self.options.definition.population, 0), *self.options.nominal())
-            threading.Thread(target=_in_silence, args=(evaluation.scores, members), daemon=True, name=f"compile {drive}").start()
+            threading.Thread(
+                target=_in_silence, args=(evaluation.scores, members), daemon=True, name=f"compile {drive}"
+            ).start()
 
     def __call__(self, stage: Stage, candidates: np.ndarray, key: jax.Array) -> tuple[np.ndarray, Any]:
         definition = self.stages[stage.name]
@@ -212,7 +214,9 @@ def judge(options: TuneOptions, evaluation: StagedEvaluation, finalists: np.ndar
     numbers, noise = options.trials(key, JUDGING_TRIALS)
     perturbed = full.scores(crossed(finalists, numbers, noise))
     nominal = full.scores(crossed(finalists, *options.nominal()))
-    costs = np.asarray(reduce_costs(perturbed.cost.reshape(len(finalists), -1), options.risk)) + np.asarray(nominal.cost)
+    costs = np.asarray(reduce_costs(perturbed.cost.reshape(len(finalists), -1), options.risk)) + np.asarray(
+        nominal.cost
+    )
     chosen = int(np.argmin(costs))
     mine = slice(chosen * JUDGING_TRIALS, (chosen + 1) * JUDGING_TRIALS)
     return Judged(

@@ -31,9 +31,9 @@ HELP = """Measure speed side by side with MuJoCo C in one run, on all cores; one
 GAITS = """How long do the gaits keep going, and what throws them over?
 
 For each gait that comes with the program, or each run or parameters.json given: unseen perturbed trials in the full
-model with estimated state, beside the gait's initial guess; survival over sideways pushes, unperceived obstacles, slopes
-with a full turn, and friction; and the same gait in MuJoCo C with its own contact. One JSON line per gait; gaits.json and
-report.html in the output folder.
+model with estimated state, beside the gait's initial guess; survival over sideways pushes, unperceived obstacles,
+slopes with a full turn, and friction; and the same gait in MuJoCo C with its own contact. One JSON line per gait;
+gaits.json and report.html in the output folder.
 
     starleth bench gaits                                   all (about 15 minutes on two cores)
     starleth bench gaits walking_trot runs/my_trot         these

@@ -1,4 +1,4 @@
-"""`starleth bench learned`: a jump tuned on the learned model against one tuned on the nominal, on the robot's stand-in."""
+"""`starleth bench learned`: a jump of the learned model against one of the nominal, on the robot's stand-in."""
 
 import json
 from pathlib import Path

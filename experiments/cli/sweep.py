@@ -19,7 +19,7 @@ all members are finished. `starleth collect FOLDER` puts the results side by sid
 
     starleth sweep --task squat_jump --seeds 0-7 --output runs/seeds
     starleth sweep sweep.json --output runs/models --workers 4
-    starleth sweep sweep.json --output runs/models --executor submitit --workers 64     (pip install 'starleth\\[slurm]')
+    starleth sweep sweep.json --output runs/models --executor submitit --workers 64   (pip install 'starleth\\[slurm]')
     starleth sweep sweep.json --output runs/models --executor dask --scheduler tcp://head:8786
     starleth sweep sweep.json --output runs/models --script | sbatch
 

@@ -1,8 +1,8 @@
 """The effects on a single joint: the robot's, and those of the load that it turns.
 
 On a series-elastic drive they are the robot's as they stand. On a rigid one they are its equations with gear 1, in the
-joint's own units and sizes: a rigid drive has no spring, no current that is logged and no gear of its own, so an effect's numbers count at the
-joint, and what is a plausible size follows from the efforts, speeds and travel of the log.
+joint's own units and sizes: a rigid drive has no spring, no current that is logged and no gear of its own, so an
+effect's numbers count at the joint, and what size is plausible follows from the efforts, speeds and travel of the log.
 """
 
 import dataclasses

@@ -50,9 +50,9 @@ def _fault(found: Finding, log: Log) -> Fault:
         case "time_shift":
             late = "late" if repair.value > 0 else "early"
             samples = abs(repair.value)
+            time = f"{samples:g} samples ({1e3 * samples * log.sample_period:.4g} ms)"
             message = (
-                f"{what} {'are' if many else 'is'} {samples:g} samples ({1e3 * samples * log.sample_period:.4g} ms) {late} "
-                "against the other signals; shift the column back in time."
+                f"{what} {'are' if many else 'is'} {time} {late} against the others; shift the column back in time."
             )
         case "swapped_joints" | "swapped_axes":
             order = "are swapped" if len(repair.names) == 2 else "stand in the wrong order"

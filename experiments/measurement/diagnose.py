@@ -97,7 +97,7 @@ def in_words(verdict: Verdict, effects: Sequence[Placed], selection: Selection, 
     return {
         "none": "The model explains the log down to the sensors' noise: no effect is missing.",
         "explained": f"The model lacks {named}; with it the log is explained down to the noise.",
-        "partly_explained": f"The model lacks {named}; {left:.1%} of the misfit remains, and no known effect explains it.",
+        "partly_explained": f"The model lacks {named}; {left:.1%} of the misfit remains that no known effect explains.",
         "not_identifiable": f"The model lacks {named}, or {', or '.join(ties)}: this motion cannot tell them apart.",
         "unknown": "Something is missing that no effect of the library explains.",
         "data_fault": "The log itself is faulty.",

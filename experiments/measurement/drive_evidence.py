@@ -26,7 +26,8 @@ DRIFT = 0.2  # s: in torque mode slower errors of the motor angle are not judged
 FORGOTTEN = 0.05  # s after which the loops have forgotten the current of a held motor
 
 DRIVE_HOOKS = frozenset(
-    "drive_parameters command measurement measured_motion measured_current commanded_velocity supply_voltage motor_torque friction deflection spring".split()
+    "drive_parameters command measurement measured_motion measured_current commanded_velocity supply_voltage "
+    "motor_torque friction deflection spring".split()
 )
 
 

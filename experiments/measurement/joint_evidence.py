@@ -186,7 +186,7 @@ def joint_evidence(log: Log, model: Model, library: Mapping[str, Effect], noise:
 
 
 def _own_noise(log: Log, stated: Mapping[str, float]) -> dict[str, float]:
-    """Noise of both signals: what the rows show where it is less than what is stated (many drives filter their logs)."""
+    """Noise of both signals: what the rows show where that is less than is stated (many drives filter their logs)."""
     found = {}
     for name in ("joint_position", "applied_torque"):
         shown = estimated(log.signals[name].values)

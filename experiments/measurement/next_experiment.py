@@ -1,4 +1,4 @@
-"""Which motion would tell tied effects apart? Each candidate is played on both models, as far as both fitted the log."""
+"""Which motion would tell tied effects apart? Each candidate is played on both models, as both fitted the log."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -103,7 +103,7 @@ def _commanded(excitation: Excitation, period: float) -> DriveLog:
 
 
 def write_commands(path: Path, excitation: Excitation, joints: Sequence[str], period: float) -> None:
-    """The command file: one row per control tick, `time` and `command_position/<joint>`; an empty cell is no command."""
+    """The command file: one row a control tick, `time` and `command_position/<joint>`; an empty cell is no command."""
     header = ",".join(["time", *(f"command_position/{name}" for name in joints)])
     time = np.arange(len(excitation.position)) * period
     rows = (",".join(f"{x:.6f}" for x in (t, *row)) for t, row in zip(time, excitation.position, strict=True))

@@ -77,7 +77,7 @@ def select(
     most: int = MOST_EFFECTS,
     least: float = NOISE,
 ) -> Selection:
-    """Add effects while held-out blocks say that each is there and chi^2 per residual exceeds 1 by more than `least`."""
+    """Add effects while held-out blocks say that each is there and chi^2 per residual exceeds 1 by over `least`."""
     effects = logs[0].atoms.effects
     changes, variants = changes_of(effects, logs)
     train, test = halves(logs)

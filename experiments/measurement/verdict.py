@@ -1,4 +1,4 @@
-"""The verdict: is the log explained, by what, how surely, and what is left? (DIAGNOSIS, steps 6 and 'The answer file')."""
+"""The verdict: is the log explained, by what, how surely, and what is left? And the answer file that says so."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -131,7 +131,7 @@ def held_out_error(logs: Sequence[Evidence], proof: Refitted) -> float:
 
 
 def fit_percents(selection: Selection, logs: Sequence[Evidence | JointEvidence]) -> list[dict[str, Any]]:
-    """Of each bench log: share of the measured effort that each rung explains, per cent, on all and on held-out rows."""
+    """Of each bench log: share of the measured effort that each rung explains, %, on all and on held-out rows."""
     _, test = halves(logs)
     found = []
     for i, log in enumerate(logs):

@@ -1,4 +1,4 @@
-"""The report of `starleth diagnose`: the verdict in plain words, the error ladder, the maps, the ranking, the signals."""
+"""The report of `starleth diagnose`: the verdict in plain words, the error ladder, maps, ranking, signals."""
 
 from pathlib import Path
 
@@ -58,5 +58,7 @@ def _ranking(found: Diagnosis) -> Block:
         suggested = ", ".join(f"{name} {number(value)}" for name, value in s.values.items())
         rows.append((s.effect.name, s.where, f"{s.gain:.0f}", suggested, s.effect.about))
     header = ("effect", "best place", "score", "suggested numbers", "meaning")
-    caption = "First look: fall of chi-square that each effect alone promises, linearly. Refits and held-out parts decide."
+    caption = (
+        "First look: fall of chi-square that each effect alone promises, linearly. Refits and held-out parts decide."
+    )
     return Table(header, rows, caption, numeric=(2,))

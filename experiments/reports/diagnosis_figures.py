@@ -1,4 +1,4 @@
-"""Pictures of a diagnosis: the error ladder, where the model fails before and after, what was measured, what is left."""
+"""Pictures of a diagnosis: the error ladder, where the model fails before and after, signals, what is left."""
 
 import numpy as np
 import plotly.graph_objects as go

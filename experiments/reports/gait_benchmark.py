@@ -99,7 +99,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> Table:
         )
     caption = (
         "Means over the unseen trials that do not fall: full drive train, estimated state, pushes, unknown ground, "
-        "noise and a robot that is a little off. MuJoCo C: the same controller and drives on its own contact, undisturbed."
+        "noise and a robot that is a little off. MuJoCo C: the same controls and drives, its own contact, nothing off."
     )
     return Table(header, cells, caption, numeric=(1, 2, 3, 4, 5, 6))
 

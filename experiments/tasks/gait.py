@@ -1,4 +1,4 @@
-"""Periodic gaits as tasks (V.C.3): walk, trot, bound and pronk in the closed loop, with the cost terms the paper names."""
+"""Periodic gaits as tasks (V.C.3): walk, trot, bound and pronk in the closed loop, with the paper's cost terms."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -98,7 +98,7 @@ class GaitTask:
     def start(
         self, plant: Plant, params: PlantParams, settings: GaitSettings, values: Array, trial: Trial
     ) -> tuple[PlantState, LocomotionState]:
-        """Torso along the slope, feet under the hips along gravity: where the telescopic strut puts them, in balance."""
+        """Torso along the slope, feet under the hips along gravity: where the telescopic strut puts them."""
         geometry, terrain = settings.geometry, params.bodies.terrain
         level = leg_kinematics(geometry, jnp.asarray(plant.bodies.stance[7:])).r_BF_B - geometry.r_BH_B
         length, normal = -level[:, 2].mean(), terrain.normal
@@ -260,6 +260,6 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
     made = GaitTask(task, names, round(definition.duration / period), period, settings, definition.weights)
     if definition.duration <= made.settled:
         raise UserError(
-            f"Task {task}: a duration of {definition.duration:g} s is too short: the gait is judged from {made.settled:g} s on."
+            f"Task {task}: {definition.duration:g} s are too short: the gait is judged from {made.settled:g} s on."
         )
     return made

@@ -19,8 +19,8 @@ FLOAT32 = 2e-5  # relative, over the sums of large kernels
 def params(**changes):
     values = dict(
         height=0.44, once_per_cycle=[0.0, 0.0], twice_per_cycle=[0.0, 0.0], phase_shift=0.0, hop=1.0,
-        hop_pitch=0.0, speed_lead=[0.0, 0.0], lowest_weight=0.15, stance_fade=0.7, swing_rise=0.7, girdle_distance=0.505,
-        slope_share=[1.0, 1.0],
+        hop_pitch=0.0, speed_lead=[0.0, 0.0], lowest_weight=0.15, stance_fade=0.7, swing_rise=0.7,
+        girdle_distance=0.505, slope_share=[1.0, 1.0],
     ) | changes  # fmt: skip
     return torso.TorsoParams(**{k: jnp.asarray(v, jnp.float32) for k, v in values.items()})
 
@@ -187,7 +187,7 @@ def test_slope_tilts_the_torso_and_height_counts_along_gravity():
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_torso_turns_with_a_share_of_the_slope(axis, share):
-    """Ahead (0) or to the left (1) the ground rises: so does that axis of the torso by the share, the other stays level."""
+    """Ahead (0) or to the left (1) the ground rises: so does that axis of the torso by the share, no other."""
     slope, up = 0.35, np.array([0.0, 0.0, 1.0])
     rises, flat = np.eye(3)[axis], np.eye(3)[1 - axis]
     R_WC = np.eye(3)

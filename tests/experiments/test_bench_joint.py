@@ -1,4 +1,4 @@
-"""A rigid joint on a bench: efforts computed in closed form for a given motion, so that what is hidden is known exactly."""
+"""A rigid joint on a bench: efforts in closed form for a given motion, so that what is hidden is known exactly."""
 
 import json
 

@@ -43,7 +43,9 @@ def replays():
     phase = np.linspace(0, 3, 12)[None, :]
     q, v = 0.3 * np.sin(20 * time + phase), 6.0 * np.cos(20 * time + phase)
     # beyond what the battery can give at this speed, so that even a sagging supply shows
-    torque = 28.0 * np.sign(np.sin(35 * time + phase)) * np.where(np.arange(12) % 3 == 2, np.array([1] * 6 + [-1] * 6), 1)
+    torque = (
+        28.0 * np.sign(np.sin(35 * time + phase)) * np.where(np.arange(12) % 3 == 2, np.array([1] * 6 + [-1] * 6), 1)
+    )
     zero = np.zeros_like(q)
     columns = (torque, q, zero, q, v, zero, q + 0.1, zero, zero)
     log = DriveLog(*(np.asarray(c, np.float32) for c in columns))
@@ -65,7 +67,10 @@ def test_an_effect_acts_where_it_is_placed_and_nowhere_else(replays, name: str) 
 
 
 def test_an_effect_at_zero_is_left_out_of_the_program() -> None:
-    off = [Placed(name, places_of(LIBRARY[name].axis)[0], {p.name: p.off for p in LIBRARY[name].parameters}) for name in NAMED]
+    off = [
+        Placed(name, places_of(LIBRARY[name].axis)[0], {p.name: p.off for p in LIBRARY[name].parameters})
+        for name in NAMED
+    ]
     effects, numbers = activate(off, LIBRARY)
     assert effects.effects == () and numbers == ()
 

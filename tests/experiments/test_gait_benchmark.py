@@ -124,7 +124,8 @@ def figures(gait: str, survived: int) -> dict:
     return {
         "gait": gait, "stride": 0.8, "cycles": 20, "trials": 100, "survived": survived, "survived_interval": [0.9, 1.0],
         "initial_guess_survived": 3, "speed_commanded": 0.4, "speed_reached": 0.38, "flight_fraction": 0.0,
-        "flight_duration": None, "flights_per_stride": 0.0, "nominal_speed": 0.39, "mujoco_c": {"survived": True, "speed": 0.4, "speed_ratio": 1.02},
+        "flight_duration": None, "flights_per_stride": 0.0, "nominal_speed": 0.39,
+        "mujoco_c": {"survived": True, "speed": 0.4, "speed_ratio": 1.02},
         "sweeps": [{"disturbance": "push", "unit": "N", "asked": 100.0, "points": points}],
     }  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""One experiment in every file format, under other names and units, on other time axes; delays to a part of a sample."""
+"""One experiment in every file format, other names and units, other time axes; delays to a part of a sample."""
 
 import gzip
 import json

@@ -1,4 +1,4 @@
-"""From a log to a better model, on short pieces of real-format logs: no effect found where none is, a planted one found."""
+"""From a log to a better model, on short logs: no effect is found where none is, a planted one is."""
 
 from pathlib import Path
 

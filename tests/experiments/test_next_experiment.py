@@ -45,7 +45,9 @@ def test_the_best_of_the_motions_is_chosen_and_written(tied, tmp_path) -> None:
     evidence, dry, viscous = tied
     found = next_experiment([evidence], Selection(dry, (), winners=[dry], rivals=[[viscous]]), nominal_model())
     assert "coulomb_friction@LH_KFE" in found.text and "viscous_friction@LH_KFE" in found.text
-    rest = np.clip(evidence.drive.log.joint_position[: evidence.drive.rows].mean(0), LIMITS[:, 0] + 0.3, LIMITS[:, 1] - 0.3)
+    rest = np.clip(
+        evidence.drive.log.joint_position[: evidence.drive.rows].mean(0), LIMITS[:, 0] + 0.3, LIMITS[:, 1] - 0.3
+    )
     sizes = {e.name: separation(evidence, dry, viscous, e) for e in excitations(LIMITS, rest, PERIOD)}
     assert found.excitation.name == max(sizes, key=sizes.get) and max(sizes.values()) > 1.0
     assert separation(evidence, dry, dry, found.excitation) < 1e-3, "nothing tells an effect from itself"
