@@ -23,7 +23,7 @@ def learned(
     effect: Annotated[str, typer.Option(help="Hidden effect, by its name in the second plant.")] = "coulomb_friction",
     where: Annotated[str, typer.Option(help="Where it acts.")] = "all",
     parameter: Annotated[list[str] | None, typer.Option(help="name=value, may be repeated.")] = None,
-    generations: Annotated[int, typer.Option(min=3, max=100_000, help="Of each search.")] = 100,
+    generations: Annotated[int, typer.Option(min=4, max=100_000, help="Of each search.")] = 100,
     seed: SeedOption = 0,
     devices: DevicesOption = available_cores(),  # noqa: B008
     folder: Annotated[

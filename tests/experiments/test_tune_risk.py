@@ -56,7 +56,7 @@ def test_risk_by_the_words_of_the_command_line() -> None:
     assert parse_risk("cvar", None, definition.with_trials(4)) == Risk("cvar", 0.75)
     assert parse_risk("cvar", 0.5, definition.with_trials(4)) == Risk("cvar", 0.5)
     with pytest.raises(UserError, match="give --trials 2 or more"):
-        parse_risk("worst", None, definition)
+        parse_risk("worst", None, definition.with_trials(1))
     with pytest.raises(UserError, match="unknown risk measure 'median'"):
         parse_risk("median", None, definition.with_trials(4))
     with pytest.raises(UserError, match="takes no alpha"):
