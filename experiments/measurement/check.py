@@ -50,10 +50,8 @@ def _fault(found: Finding, log: Log) -> Fault:
         case "time_shift":
             late = "late" if repair.value > 0 else "early"
             samples = abs(repair.value)
-            time = f"{samples:g} samples ({1e3 * samples * log.sample_period:.4g} ms)"
-            message = (
-                f"{what} {'are' if many else 'is'} {time} {late} against the others; shift the column back in time."
-            )
+            by = f"{samples:g} samples ({1e3 * samples * log.sample_period:.4g} ms) {late}"
+            message = f"{what} {'are' if many else 'is'} {by} against the other signals; shift it back in time."
         case "swapped_joints" | "swapped_axes":
             order = "are swapped" if len(repair.names) == 2 else "stand in the wrong order"
             message = f"{what} {order}; put each column under its own name with a column map."
