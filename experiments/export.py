@@ -15,7 +15,7 @@ from experiments.recording import gait_record, jump_record, write_motion
 from experiments.reports.gait import write_gait_report
 from experiments.reports.jump import write_jump_report
 from experiments.reports.recording import History, Recording
-from experiments.robustness_statistics import success_interval
+from experiments.robustness.statistics import success_interval
 from experiments.rollout import Score
 from experiments.run_folder import RunFolder
 from experiments.tasks.registry import GAITS, metric_units

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from experiments.errors import UserError
 from experiments.files import first_complaint, read_json, shown, write_json
-from experiments.robustness_statistics import success_interval
+from experiments.robustness.statistics import success_interval
 
 SCHEMA_VERSION: Final = 2
 SCHEMA_ID: Final = "starleth:parameters.schema.json"

@@ -14,8 +14,8 @@ import numpy as np
 from es import Risk
 from experiments.batch import CHUNK, local_mesh
 from experiments.evaluation import Evaluation, crossed
-from experiments.robustness import STREAM
-from experiments.robustness_statistics import paired_difference, success_interval
+from experiments.robustness.statistics import paired_difference, success_interval
+from experiments.robustness.trials import STREAM
 from experiments.rollout import Score
 from experiments.tune import TAIL, TuneOptions
 

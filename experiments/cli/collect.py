@@ -22,10 +22,10 @@ def register(app: typer.Typer) -> None:
 
 
 def command(folder: Annotated[Path, typer.Argument(help="The folder of a sweep.")]) -> None:
-    from experiments.collect import collect, summary
     from experiments.files import write_json
     from experiments.reports.sweep import write_sweep_report
-    from experiments.sweep_run import sweep_in
+    from experiments.sweep.collect import collect, summary
+    from experiments.sweep.run import sweep_in
 
     rows = collect(folder, sweep_in(folder))
     write_json(folder / "sweep.json", summary(rows))
@@ -41,7 +41,7 @@ def command(folder: Annotated[Path, typer.Argument(help="The folder of a sweep."
 
 
 def _table(rows) -> Table:
-    from experiments.collect import best_rows, shared_metrics
+    from experiments.sweep.collect import best_rows, shared_metrics
 
     metrics = shared_metrics(rows)
     best = {row.member.name for row in best_rows(rows)}

@@ -64,12 +64,12 @@ def command(
     terminate_as_interrupt()
     whole_loops()
     start_jax(devices)
-    from experiments import robustness_run as analysis
     from experiments.cli.robustness_progress import RobustnessProgress
     from experiments.effects.library import load_effects
     from experiments.files import json_line
     from experiments.model import load_model
     from experiments.perturbations import load_perturbations
+    from experiments.robustness import analysis
     from experiments.run_folder import open_run
 
     library = load_effects(effects or ())

@@ -7,7 +7,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from experiments.robustness_file import RobustnessFile
+from experiments.robustness.file import RobustnessFile
 
 INTERRUPTED = 130
 QUIET = 10.0  # s between lines where there is no terminal to draw a bar on

@@ -61,8 +61,8 @@ def command(
     only: Annotated[int | None, typer.Option(min=0, help="Run one member by its number, as --script does.")] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the sweep.")] = None,
 ) -> None:
-    from experiments.sweep_executors import EXECUTORS, Place
-    from experiments.sweep_run import Extra, prepare, settings_of, sweep_in
+    from experiments.sweep.executors import EXECUTORS, Place
+    from experiments.sweep.run import Extra, prepare, settings_of, sweep_in
 
     if executor not in EXECUTORS:
         raise UserError(f"No executor '{executor}'; choose one of {', '.join(EXECUTORS)}.")
@@ -89,7 +89,7 @@ def command(
     with open_run(folder, "sweep", settings_of(sweep)) as run:
         prepare(folder)
         if script:
-            from experiments.sweep_run import array_script
+            from experiments.sweep.run import array_script
 
             print(array_script(folder, sweep, extra, hours), end="")
             return
@@ -103,8 +103,8 @@ def _refuse_unknown(sweep, extra) -> None:
     from experiments.effects.library import load_effects
     from experiments.model import load_model
     from experiments.perturbations import perturbations_of_task
-    from experiments.sweep import NOMINAL
-    from experiments.sweep_member import TUNE
+    from experiments.sweep.definition import NOMINAL
+    from experiments.sweep.member import TUNE
     from experiments.tasks.definition import load_task
 
     if extra.program != TUNE:
@@ -118,7 +118,7 @@ def _refuse_unknown(sweep, extra) -> None:
 
 
 def _new_sweep(source: Path | None, task: list[str] | None, model: list[str] | None, chosen: dict[str, Any]):
-    from experiments.sweep import NOMINAL, load_sweep, parse_sweep
+    from experiments.sweep.definition import NOMINAL, load_sweep, parse_sweep
 
     if source is not None:
         if task or model:
@@ -132,8 +132,8 @@ def _new_sweep(source: Path | None, task: list[str] | None, model: list[str] | N
 
 def _run(folder: Path, sweep, extra, place) -> bool:
     """All members; True when all are finished."""
-    from experiments.sweep_executors import open_executor
-    from experiments.sweep_run import run_all, unfinished
+    from experiments.sweep.executors import open_executor
+    from experiments.sweep.run import run_all, unfinished
 
     members = sweep.members()
     todo, damaged = unfinished(folder, members)
@@ -174,8 +174,8 @@ def _run(folder: Path, sweep, extra, place) -> bool:
 
 def _run_one(folder: Path, sweep, extra, number: int) -> int:
     """One member, as a task of a SLURM array; its exit code."""
-    from experiments.sweep_member import result_of, run_member
-    from experiments.sweep_run import job_of, prepare, sweep_in
+    from experiments.sweep.member import result_of, run_member
+    from experiments.sweep.run import job_of, prepare, sweep_in
 
     if sweep_in(folder) != sweep.model_copy(update={"about": ""}):
         raise UserError(f"{folder} holds another sweep; run its members with `starleth sweep {folder} --only N`.")

@@ -16,7 +16,7 @@ from experiments.model import Model
 from experiments.recording import gait_record
 from experiments.replay import Motion, load_motion, replay
 from experiments.reports.recording import GaitRecord
-from experiments.robustness_statistics import success_interval
+from experiments.robustness.statistics import success_interval
 from experiments.tasks.registry import GAITS
 
 

@@ -20,10 +20,10 @@ from experiments.reports.page import (
     percent,
     write_report,
 )
-from experiments.robustness_file import RobustnessFile, Sensitivity, SurvivalCurve
-from experiments.robustness_statistics import dependence
-from experiments.robustness_trials import DRAWN
-from experiments.robustness_trials import Table as Trials
+from experiments.robustness.file import RobustnessFile, Sensitivity, SurvivalCurve
+from experiments.robustness.statistics import dependence
+from experiments.robustness.store import DRAWN
+from experiments.robustness.store import Table as Trials
 
 CURVES: Final = 12  # the disturbances that matter most get a curve
 COLUMNS: Final = 3

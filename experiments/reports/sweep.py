@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from experiments.collect import Row, best_rows, shared_metrics
 from experiments.reports.figures import BLUE, GOLD, GREEN, ORANGE, PURPLE, RED, new_figure
 from experiments.reports.page import Block, Card, Cards, Figure, Section, Table, Text, number, percent, write_report
-from experiments.sweep import label
+from experiments.sweep.collect import Row, best_rows, shared_metrics
+from experiments.sweep.definition import label
 
 COLOURS = (BLUE, ORANGE, GREEN, PURPLE, GOLD, RED)
 UNKNOWN = "\N{EN DASH}"

@@ -118,7 +118,7 @@ def main(words: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    from experiments.sweep_member import die_with_parent
+    from experiments.sweep.member import die_with_parent
 
     die_with_parent()
     sys.exit(main(sys.argv[1:]))

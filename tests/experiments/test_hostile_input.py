@@ -17,12 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.errors import UserError
-from experiments.fuzz import problem
-from experiments.fuzz_mutations import bomb
-from experiments.fuzz_readers import READERS, good_csv, good_info
+from experiments.fuzz.good_files import good_csv, good_info
+from experiments.fuzz.mutations import bomb
+from experiments.fuzz.readers import READERS
+from experiments.fuzz.run import problem
 from experiments.measurement.log_reader import read_log
 from experiments.measurement.tables import Limits, read_csv, read_npz
-from experiments.sweep import parse_sweep
+from experiments.sweep.definition import parse_sweep
 
 MANY = int(os.environ.get("STARLETH_FUZZ", "100000"))
 PER_READER = 12

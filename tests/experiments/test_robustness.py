@@ -9,19 +9,19 @@ import jsonschema
 import numpy as np
 import pytest
 
-from experiments import robustness_file
 from experiments.batch import CHUNK
 from experiments.effects import LIBRARY
 from experiments.errors import UserError
 from experiments.model import nominal_model
 from experiments.parameter_file import now, parameter, read_parameters, write_parameters
 from experiments.perturbations import parse_perturbations
-from experiments.robustness import PerturbedTrials, run_trials
-from experiments.robustness_run import analyse, one_trial, plan
+from experiments.robustness import file as robustness_file
+from experiments.robustness.analysis import analyse, one_trial, plan
+from experiments.robustness.trials import PerturbedTrials, run_trials
 from experiments.run_folder import open_run
 from experiments.tasks.definition import load_task
 
-SCHEMA = Path(robustness_file.__file__).parent / "schemas" / "robustness.schema.json"
+SCHEMA = Path(robustness_file.__file__).parents[1] / "schemas" / "robustness.schema.json"
 JUMP = [0.227, 0.273, 0.436, 0.541, 0.291, 0.428, 0.259, 0.251, 0.252, 0.441, 0.47, 0.389, 389.0]
 LAWS = {
     "draw": {

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.robustness_statistics import dependence, influence, paired_difference, success_interval, survival
+from experiments.robustness.statistics import dependence, influence, paired_difference, success_interval, survival
 
 N = 4000
 NOISE_SHARE = 0.02  # a perturbation without influence may explain this much of 4000 trials by chance

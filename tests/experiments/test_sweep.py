@@ -14,14 +14,14 @@ import cheap_tune
 import pytest
 from typer.testing import CliRunner
 
-from experiments.collect import collect, summary
 from experiments.errors import UserError
 from experiments.reports.sweep import write_sweep_report
 from experiments.run_folder import open_run
-from experiments.sweep import MAX_MEMBERS, Sweep, load_sweep, parse_seeds, parse_sweep
-from experiments.sweep_executors import Place, open_executor
-from experiments.sweep_member import TUNE, read_outcome, result_of, run_member
-from experiments.sweep_run import Extra, array_script, job_of, prepare, run_all, settings_of, sweep_in, unfinished
+from experiments.sweep.collect import collect, summary
+from experiments.sweep.definition import MAX_MEMBERS, Sweep, load_sweep, parse_seeds, parse_sweep
+from experiments.sweep.executors import Place, open_executor
+from experiments.sweep.member import TUNE, read_outcome, result_of, run_member
+from experiments.sweep.run import Extra, array_script, job_of, prepare, run_all, settings_of, sweep_in, unfinished
 
 CHEAP = (sys.executable, cheap_tune.__file__)
 PATIENCE = 300.0  # s for what takes seconds, on a machine with ten times more work than cores
@@ -190,7 +190,7 @@ def test_an_interrupted_sweep_stops_its_members_and_goes_on(tmp_path):
     """SIGTERM to the whole command, as a cluster sends it; then the folder alone is given."""
     sweep = Sweep(tasks=("cheap",), seeds="0-1")
     code = (
-        "import sys, experiments.sweep_run as r\n"
+        "import sys, experiments.sweep.run as r\n"
         f"program = {(*CHEAP, 'cheap', '--pause=0.3', '--generations=40')!r}\n"
         "new = r.Extra.__init__\n"
         "r.Extra.__init__ = lambda self, devices, effects=(): new(self, devices, effects, program)\n"
@@ -327,7 +327,7 @@ def test_bad_input_on_the_command_line_is_one_sentence(tmp_path, monkeypatch, wo
 @pytest.mark.slow
 def test_a_sweep_of_real_jumps(tmp_path):
     """Two seeds of a short squat jump by the command line, one of them killed on the way."""
-    assert TUNE[1:] == ("-m", "experiments.sweep_member", "tune")
+    assert TUNE[1:] == ("-m", "experiments.sweep.member", "tune")
     command = [sys.executable, "-m", "experiments.cli.main", "sweep", "--task", "squat_jump", "--generations", "3"]
     command += ["--population", "4", "--seeds", "0-1", "--workers", "2", "--output", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)

@@ -19,7 +19,7 @@ from experiments.errors import UserError
 from experiments.files import read_json, shown, write_json
 from experiments.parameter_file import ParameterFile, read_parameters
 from experiments.run_folder import RUN_FILE
-from experiments.sweep import LOGS, MEMBERS, OUTCOMES
+from experiments.sweep.definition import LOGS, MEMBERS, OUTCOMES
 
 INTERRUPTED: Final = 130
 REFUSED: Final = 2  # bad input: a second attempt would say the same
@@ -28,7 +28,7 @@ LAST_WORDS: Final = 4_000  # bytes of a log in which its last sentence is looked
 PR_SET_PDEATHSIG: Final = 1
 
 
-TUNE: Final = (sys.executable, "-m", "experiments.sweep_member", "tune")
+TUNE: Final = (sys.executable, "-m", "experiments.sweep.member", "tune")
 
 
 @dataclass(frozen=True)

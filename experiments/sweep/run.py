@@ -12,9 +12,9 @@ from typing import Any, Final
 from experiments.errors import UserError
 from experiments.files import read_json, shown
 from experiments.run_folder import RUN_FILE
-from experiments.sweep import LOGS, MAX_BYTES, MEMBERS, OUTCOMES, Member, Sweep, parse_sweep
-from experiments.sweep_executors import Executor, Future
-from experiments.sweep_member import INTERRUPTED, REFUSED, TUNE, Job, Outcome, result_of, run_member
+from experiments.sweep.definition import LOGS, MAX_BYTES, MEMBERS, OUTCOMES, Member, Sweep, parse_sweep
+from experiments.sweep.executors import Executor, Future
+from experiments.sweep.member import INTERRUPTED, REFUSED, TUNE, Job, Outcome, result_of, run_member
 
 ATTEMPTS: Final = 2
 POLL: Final = 0.2  # s

@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from experiments.errors import UserError
-from experiments.fuzz_readers import READERS, Reader
+from experiments.fuzz.readers import READERS, Reader
 
 TIME_LIMIT: Final = 30.0  # s of processor time for one input; a bomb of the largest size takes 5
 WAIT_LIMIT: Final = 900.0  # s of any time
@@ -156,7 +156,3 @@ def main() -> int:
         total, failed = total + told["inputs"], failed + told.get("failed", 0)
     print(json.dumps({"reader": "all", "inputs": total, "failed": failed}))
     return 1 if failed else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -20,8 +20,8 @@ from experiments.perturbations import Perturbations
 from experiments.recording import until_divergence
 from experiments.reports.robustness import write_robustness_report
 from experiments.reports.robustness_trial import write_trial_report
-from experiments.robustness import PerturbedTrials, RobustnessOptions, describe_trial, run_trials, summary
-from experiments.robustness_file import RobustnessFile
+from experiments.robustness.file import RobustnessFile
+from experiments.robustness.trials import PerturbedTrials, RobustnessOptions, describe_trial, run_trials, summary
 from experiments.run_folder import RunFolder, make_answer_folder
 from experiments.tasks.definition import task_of
 from experiments.trial import Trial, noise_table

@@ -7,8 +7,8 @@ from typing import Any, Final, Literal
 from experiments.errors import UserError
 from experiments.parameter_file import ParameterFile
 from experiments.run_folder import RUN_FILE
-from experiments.sweep import MEMBERS, Member, Sweep, label
-from experiments.sweep_member import INTERRUPTED, read_outcome, result_of
+from experiments.sweep.definition import MEMBERS, Member, Sweep, label
+from experiments.sweep.member import INTERRUPTED, read_outcome, result_of
 
 Status = Literal["finished", "unfinished", "failed", "damaged", "not begun"]
 SCHEMA_VERSION: Final = 1

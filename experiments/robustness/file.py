@@ -1,7 +1,7 @@
 """`robustness.json`: how a motion did over many perturbed trials.
 
 `RobustnessFile` is the schema of record; `schemas/robustness.schema.json` is generated from it for other languages
-(`python -m experiments.robustness_file > experiments/schemas/robustness.schema.json`).
+(`python -m experiments.robustness.file > experiments/schemas/robustness.schema.json`).
 """
 
 import json

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, Protocol
 
 from experiments.errors import UserError
-from experiments.sweep_member import interrupt_running
+from experiments.sweep.member import interrupt_running
 
 ExecutorName = Literal["local", "submitit", "dask"]
 EXECUTORS: Final[tuple[ExecutorName, ...]] = ("local", "submitit", "dask")

@@ -18,11 +18,11 @@ from experiments.effects.effect import Effect
 from experiments.effects.library import LIBRARY
 from experiments.evaluation import Evaluation, Members, crossed
 from experiments.export import versions
-from experiments.margins import MARGIN_UNITS, with_margins
 from experiments.model import Model
 from experiments.perturbations import Perturbations, describe
-from experiments.robustness_statistics import distribution, influence, success_interval, survival
-from experiments.robustness_trials import DRAWN, Table, TrialStore, blocks
+from experiments.robustness.margins import MARGIN_UNITS, with_margins
+from experiments.robustness.statistics import distribution, influence, success_interval, survival
+from experiments.robustness.store import DRAWN, Table, TrialStore, blocks
 from experiments.run_folder import RunFolder
 from experiments.tasks.definition import TaskDefinition
 from experiments.tasks.registry import metric_units

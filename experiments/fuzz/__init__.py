@@ -1,0 +1,1 @@
+"""Hostile input to every reader of a file from outside."""

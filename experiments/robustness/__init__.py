@@ -1,0 +1,1 @@
+"""One motion under thousands of perturbed trials: the trials, their store on disk, statistics, `robustness.json`."""
