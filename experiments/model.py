@@ -84,7 +84,7 @@ class Model(_Strict):
         return hashlib.sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()[:16]
 
     def with_effect(self, placed: PlacedEffect, source: dict[str, Any] | None = None) -> "Model":
-        """This model with one more effect (replacing the same effect at the same place)."""
+        """This model with one more effect, in place of the same one there; where its places overlap, this one rules."""
         others = tuple(e for e in self.effects if (e.effect, e.where) != (placed.effect, placed.where))
         provenance = self.provenance + ((source,) if source else ())
         return self.model_copy(update={"effects": (*others, placed), "provenance": provenance})

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from experiments.effects.compose import ActiveEffects, EffectNumbers, activate, is_on
+from experiments.effects.compose import ActiveEffects, EffectNumbers, Placement, activate
 from experiments.effects.effect import Effect
 from experiments.effects.library import LIBRARY
 from experiments.errors import UserError
@@ -77,7 +77,7 @@ class Plant:
     effects: ActiveEffects
     params: PlantParams
     numbers: RobotNumbers
-    placed: tuple[str, ...] = ()  # `effect@place` of each effect
+    placements: tuple[Placement, ...] = ()
 
     def prepare(self, params: PlantParams) -> PlantParams:
         """Apply, once a rollout, the effects that change a number of the plant."""
@@ -186,10 +186,10 @@ def make_plant(model: Model, drive: str = "full", library: dict[str, Effect] = L
     numbers = model.numbers.model_dump(mode="json")
     # written out for this robot: a quarter of the time and of the compile time of MJX's general tree
     bodies = make_bodies(model.numbers, **({"dynamics": "legs"} | bodies_options))
-    effects, effect_numbers = activate(model.effects, library)
+    effects, effect_numbers, placements = activate(model.effects, library)
     params = PlantParams(params_from_numbers(numbers), bodies.params, effect_numbers)
-    placed = tuple(f"{item.effect}@{item.where}" for item in model.effects if is_on(item, library))
-    return Plant(bodies, drive, DRIVES[drive], periods_from_numbers(numbers), effects, params, model.numbers, placed)
+    periods = periods_from_numbers(numbers)
+    return Plant(bodies, drive, DRIVES[drive], periods, effects, params, model.numbers, placements)
 
 
 __all__ = ["DriveHooks", "Plant", "PlantInput", "PlantOutput", "PlantParams", "PlantState", "make_plant"]

@@ -10,7 +10,6 @@ import numpy as np
 
 from experiments.effects.compose import EffectNumbers
 from experiments.effects.ground import tilt as tilt_ground
-from experiments.effects.places import mask
 from experiments.plant import Plant, PlantParams
 from experiments.sensing import NOISE
 from mjx_starleth.terrain import Terrain
@@ -183,10 +182,9 @@ class Trial(NamedTuple):
 def _set_effect(plant: Plant, numbers: EffectNumbers, name: str, value: Array) -> EffectNumbers:
     """`effect@place.parameter` set to a value where the effect acts."""
     place, parameter = name.rsplit(".", 1)
-    index = plant.placed.index(place)
-    here = mask(place.split("@")[1], plant.effects.effects[index].axis)
+    _, index, here = next(one for one in plant.placements if one.name == place)
     old = numbers[index][parameter]
-    new = jnp.where(here.reshape(old.shape) > 0, value, old)
+    new = jnp.where(here.reshape(old.shape), value, old)
     return (*numbers[:index], {**numbers[index], parameter: new}, *numbers[index + 1 :])
 
 

@@ -7,7 +7,7 @@ change them without compiling again.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -79,17 +79,12 @@ def _with_memory(effect: Effect, equation, p):
     return lambda value, signals, memory: (equation(p, value, signals), memory)
 
 
-def spread(
-    effect: Effect, where: str, values: Mapping[str, float], joint_names: Sequence[str] = JOINT_NAMES
-) -> dict[str, Array]:
-    """One array per parameter over the effect's axis: its value where it acts, 'off' elsewhere."""
-    here = mask(where, effect.axis, tuple(joint_names))
-    spread_values = {}
-    for parameter in effect.parameters:
-        value = values.get(parameter.name, parameter.off)
-        array = np.where(here > 0, value, parameter.off).astype(np.float32)
-        spread_values[parameter.name] = jnp.asarray(array[0] if effect.axis == "torso" else array)
-    return spread_values
+class Placement(NamedTuple):
+    """Where one of a model's effects acts. Of two of the same effect that overlap, the one placed last rules there."""
+
+    name: str  # effect@place
+    effect: int  # its index in ActiveEffects.effects
+    here: np.ndarray  # bool over the effect's axis
 
 
 def is_on(placed: Any, library: Mapping[str, Effect]) -> bool:
@@ -100,9 +95,34 @@ def is_on(placed: Any, library: Mapping[str, Effect]) -> bool:
 
 def activate(
     placed: Iterable[Any], library: Mapping[str, Effect], joint_names: Sequence[str] = JOINT_NAMES
-) -> tuple[ActiveEffects, EffectNumbers]:
-    """Static and numeric half of a model's effects. An effect that is off is left out whole, so that it changes
-    no bit of a rollout."""
-    on = [item for item in placed if is_on(item, library)]
-    numbers = tuple(spread(library[item.effect], item.where, item.values(), joint_names) for item in on)
-    return ActiveEffects(tuple(library[item.effect] for item in on)), numbers
+) -> tuple[ActiveEffects, EffectNumbers, tuple[Placement, ...]]:
+    """Static and numeric half of a model's effects, and where each acts. An effect that is off is left out whole, so
+    that it changes no bit of a rollout."""
+    placed = tuple(placed)
+    names = tuple(dict.fromkeys(item.effect for item in placed if is_on(item, library)))
+    of_each = [[item for item in placed if item.effect == name] for name in names]
+    placements = [
+        Placement(f"{item.effect}@{item.where}", index, here)
+        for index, items in enumerate(of_each)
+        for item, here in zip(items, _reach(library[names[index]], items, joint_names), strict=True)
+    ]
+    numbers = tuple(_spread(library[name], items, joint_names) for name, items in zip(names, of_each, strict=True))
+    return ActiveEffects(tuple(library[name] for name in names)), numbers, tuple(placements)
+
+
+def _reach(effect: Effect, items: Sequence[Any], joint_names: Sequence[str]) -> list[np.ndarray]:
+    """Where each of the placed ones rules: its place without those of the later ones."""
+    masks = [mask(item.where, effect.axis, tuple(joint_names)) > 0 for item in items]
+    return [here & ~np.any(masks[k + 1 :] or [np.zeros_like(here)], axis=0) for k, here in enumerate(masks)]
+
+
+def _spread(effect: Effect, items: Sequence[Any], joint_names: Sequence[str]) -> dict[str, Array]:
+    """One array per parameter over the effect's axis: its value where it acts, 'off' elsewhere."""
+    reach = _reach(effect, items, joint_names)
+    found = {}
+    for parameter in effect.parameters:
+        array = np.full(reach[0].shape, parameter.off, np.float32)
+        for item, here in zip(items, reach, strict=True):
+            array[here] = item.values().get(parameter.name, parameter.off)
+        found[parameter.name] = jnp.asarray(array[0] if effect.axis == "torso" else array)
+    return found

@@ -71,8 +71,24 @@ def test_an_effect_at_zero_is_left_out_of_the_program() -> None:
         Placed(name, places_of(LIBRARY[name].axis)[0], {p.name: p.off for p in LIBRARY[name].parameters})
         for name in NAMED
     ]
-    effects, numbers = activate(off, LIBRARY)
-    assert effects.effects == () and numbers == ()
+    effects, numbers, placements = activate(off, LIBRARY)
+    assert effects.effects == () and numbers == () and placements == ()
+
+
+def test_where_two_of_an_effect_overlap_the_last_rules_in_the_plant_as_in_the_replay() -> None:
+    placed = [
+        Placed("coulomb_friction", "all", {"torque": 0.01}),
+        Placed("coulomb_friction", "LH", {"torque": 0.0}),
+        Placed("coulomb_friction", "LH_KFE", {"torque": 0.03}),
+    ]
+    active, numbers, placements = activate(placed, LIBRARY)
+    expected = np.full(12, 0.01)
+    expected[6:8], expected[8] = 0.0, 0.03
+    assert [effect.name for effect in active.effects] == ["coulomb_friction"]
+    np.testing.assert_allclose(numbers[0]["torque"], expected, rtol=1e-6)
+    atoms = Atoms(active.effects, JOINT_NAMES)
+    np.testing.assert_allclose(atoms.placed(atoms.off(), placed), expected)
+    assert [one.here.sum() for one in placements] == [9, 2, 1]
 
 
 @pytest.mark.parametrize("name", ON_BODIES)
@@ -81,7 +97,7 @@ def test_effects_on_bodies_change_the_numbers_they_name(name: str) -> None:
     effect = LIBRARY[name]
     where = places_of(effect.axis)[0]
     values = {p.name: p.start if p.start else p.high / 10 for p in effect.parameters}
-    active, numbers = activate([Placed(name, where, values)], LIBRARY)
+    active, numbers, _ = activate([Placed(name, where, values)], LIBRARY)
     changed = active.apply("body_parameters", numbers, plant.params.bodies)
     leaves = zip(jax.tree.leaves(plant.params.bodies), jax.tree.leaves(changed), strict=True)
     assert any(np.abs(np.asarray(b) - np.asarray(a)).max(initial=0) > 0 for a, b in leaves)
@@ -90,7 +106,7 @@ def test_effects_on_bodies_change_the_numbers_they_name(name: str) -> None:
 def test_payload_is_the_parallel_axis_theorem() -> None:
     plant = make_plant(nominal_model())
     place = np.array([0.1, -0.05, 0.2])
-    active, numbers = activate([Placed("payload", "torso", {"mass": 4.0, "x": 0.1, "y": -0.05, "z": 0.2})], LIBRARY)
+    active, numbers, _ = activate([Placed("payload", "torso", {"mass": 4.0, "x": 0.1, "y": -0.05, "z": 0.2})], LIBRARY)
     b = active.apply("body_parameters", numbers, plant.params.bodies)
     torso = float(plant.params.bodies.mass[0])
     com = 4.0 * place / (torso + 4.0)
