@@ -16,7 +16,7 @@ from controller_jax.geometry import geometry_from_numbers
 from controller_jax.joint_torques import joint_torques, weight_torque
 from controller_jax.leg_kinematics import LegKinematics, inverse_kinematics, leg_kinematics
 from controller_jax.locomotion import GaitParams
-from controller_jax.squat_jump import SquatJumpParams, SquatJumpSettings
+from controller_jax.squat_jump_settings import SquatJumpParams, SquatJumpSettings
 from controller_jax.state_estimator import EstimatorParams, SensorReading
 from controller_jax.types import JointTargets, LegGeometry, RobotState
 from controller_jax.velocity_command import VelocityCommand

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 
 from controller_jax import squat_jump
 from controller_jax.geometry import geometry_from_numbers
-from controller_jax.squat_jump import OVERTIME, SquatJumpParams, SquatJumpSettings
+from controller_jax.squat_jump import OVERTIME
+from controller_jax.squat_jump_settings import SquatJumpParams, SquatJumpSettings, default_settings
 from controller_jax.types import JointTargets, LegGeometry, RobotState
 from experiments.errors import UserError
 from experiments.files import shown
@@ -207,7 +208,7 @@ def make_task(definition: TaskDefinition, model: Model) -> SquatJumpTask:
         key = shown(min(definition.settings))
         raise UserError(f"Task {definition.task}: it has no settings; remove the key '{key}' from them.")
     numbers = model.numbers.model_dump(mode="json")
-    settings = squat_jump.default_settings(geometry_from_numbers(numbers))
+    settings = default_settings(geometry_from_numbers(numbers))
     shortest = float(settings.crouch_time + settings.launch_time) + OVERTIME + STANDING_TIME
     if definition.duration < shortest:
         raise UserError(f"Task {definition.task}: a duration of {definition.duration:g} s is too short for a jump.")

@@ -10,13 +10,14 @@ import pytest
 from reference_robot import GEOMETRY, LEGS, reference_model
 
 from controller_jax import squat_jump
-from controller_jax.squat_jump import CROUCH, FLIGHT, LANDING, LAUNCH, SquatJumpParams
+from controller_jax.squat_jump import CROUCH, FLIGHT, LANDING, LAUNCH
+from controller_jax.squat_jump_settings import SquatJumpParams, default_settings
 from controller_jax.types import RobotState
 
 CONTACT_FORCE = 10.0  # N (FACTS 1)
 PERIOD = 0.0025
 SUBSTEPS = 5
-SETTINGS = squat_jump.default_settings(GEOMETRY)
+SETTINGS = default_settings(GEOMETRY)
 step = jax.jit(squat_jump.step)
 PARAMS = SquatJumpParams(
     height_knots=jnp.array([0.26, 0.28, 0.45, 0.55, 0.25, 0.41, 0.30, 0.45]),  # as a search finds them: the torso lags
