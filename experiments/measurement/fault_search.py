@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any, Final
 
+import numpy as np
+
 from experiments.measurement import hypotheses, repairs
 from experiments.measurement.base_links import base_links
 from experiments.measurement.hypotheses import Doubts
@@ -37,6 +39,7 @@ _MENDED: Final = 0.1  # misfit that is left by the right repair; hysteresis and 
 _BROKEN: Final = 0.1  # misfit that exchanged, flipped and rescaled columns leave at least
 _ALL_EXPLAINED: Final = 0.9  # of what a repair can bring to the links that it touches
 _FURTHER_LAG: Final = 15.0  # nats by which a longer shift must beat one that an effect may have
+_AS_MUCH: Final = 5.0  # nats between shifts that explain the same
 _MOST_LAG: Final = 60.0  # samples searched
 _MOST_REPAIRS: Final = 40
 
@@ -174,7 +177,23 @@ class FaultSearch:
         if hypotheses.is_effect(finding.repair):
             return None
         short = [one.nats for late in hypotheses.EFFECT_LAGS if (one := tried(late))]
-        return finding if finding.nats - max(short, default=0.0) >= _FURTHER_LAG else None
+        if finding.nats - max(short, default=0.0) < _FURTHER_LAG:
+            return None
+        # links allow a sample of delay: of neighbours that explain as much, the one that needs none
+        value = int(finding.repair.value)
+        near = [one for late in (value, value - 1, value + 1) if (one := tried(late))]
+        alike = [one for one in near if finding.nats - one.nats < _AS_MUCH]
+        return min(alike, key=lambda one: self._left(one.repair))
+
+    def _left(self, repair: Repair) -> float:
+        """Delay that the links which a shift mends still have, in samples."""
+        changed = ChainMap(repair.applied(self.columns), self.columns)
+        lags = []
+        for place in self._touched(repair):
+            after = self._match(self.links[place], changed, True)
+            if after.misfit <= _MENDED:
+                lags.append(abs(after.lag))
+        return float(np.median(lags)) if lags else 0.0
 
     def _apply(self, repair: Repair) -> None:
         self.columns |= repair.applied(self.columns)

@@ -14,6 +14,7 @@ FaultKind = Literal[
     "stuck_sensor",
     "clipped_sensor",
     "quaternion",
+    "contact",
     "sign",
     "unit",
     "time_shift",
@@ -38,3 +39,8 @@ def listed(names: tuple[str, ...], everything: tuple[str, ...] = ()) -> str:
     if len(names) > 6:
         return f"{len(names)} joints ({', '.join(names[:4])}, …)"
     return " and ".join(names) if len(names) < 3 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def counted(number: int, noun: str) -> str:
+    """'1 place', '2 places'."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

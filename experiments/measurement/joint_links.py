@@ -28,6 +28,7 @@ TRANSMISSION_FLOOR: Final = 5e-3
 DRIVE_LAG: Final = 1.5e-3
 # samples: delays between a command and the answer are an effect ('command_delay') up to here
 COMMAND_LAGS: Final = (-2.5, 8.5)
+FOLLOWING: Final = (-2.5, 60.0)  # samples by which a controller may follow
 ANY_SIGN: Final = (-np.inf, np.inf)
 # The current jumps at each tick and has died away by the next row: a sampled acceleration current is too small
 CURRENT_GAIN: Final = (0.25, 1.6)
@@ -48,7 +49,7 @@ def joint_links(joint: str, there: Iterable[Column], period: float, numbers: Map
         _motor_balance(joint, present, period, numbers),
     ]
     if {"command_torque", "motor_velocity"} <= present and np.isclose(period, numbers["loops"]["control_period"]):
-        links.append(_fingerprint(law))
+        links += [_fingerprint(law), _current_fingerprint(joint, law)]
     return [link for link in links if all(signal in present for signal, _ in link.columns)]
 
 
@@ -139,7 +140,25 @@ def _fingerprint(law: Link) -> Link:
         target, terms = law.parts(columns)
         return np.diff(target, 2), [np.diff(term, 2) for term in terms]
 
-    return replace(law, name="fingerprint", parts=parts, low=NOISE[0], high=NOISE[1], may_lag=True)
+    return replace(law, name="fingerprint", parts=parts, low=NOISE[0], high=NOISE[1], still=COMMAND_LAGS)
+
+
+def _current_fingerprint(joint: str, law: Link) -> Link:
+    """The current that the velocity loop answers the same noise with: tells when the current and the torque were
+    measured, of which slow motion says little.
+
+    Between two rows the loop makes a current of the velocity that was asked for and of that at both rows.
+    """
+    current = ("motor_current", joint)
+
+    def parts(columns: Columns) -> tuple[Array, list[Array]]:
+        speed, (answer,) = law.parts(columns)
+        before = np.concatenate([speed[:1], speed[:-1]])
+        return np.diff(columns[current], 2), [np.diff(term, 2) for term in (answer, -speed, before)]
+
+    columns = tuple(dict.fromkeys((current, *law.columns)))
+    bounds = ((0.0, np.inf), ANY_SIGN, ANY_SIGN)
+    return Link("current fingerprint", columns, parts, NOISE[1], MODEL_FLOOR, bounds, still=(0.0, 0.0), low=NOISE[0])
 
 
 def _motor_balance(joint: str, present: set[str], period: float, numbers: Mapping[str, Any]) -> Link:
@@ -166,7 +185,7 @@ def _tracking(joint: str, command: str, measured: str) -> Link:
     def parts(columns: Columns) -> tuple[Array, list[Array]]:
         return columns[done], [np.nan_to_num(columns[asked])]
 
-    return Link("tracking", (done, asked), parts, MOTION, 0.05, lags=(-2.5, 60.0), may_lag=True)
+    return Link("tracking", (done, asked), parts, MOTION, 0.05, lags=FOLLOWING, still=FOLLOWING)
 
 
 def _load_balance(joint: BenchJoint, period: float) -> Link:

@@ -39,7 +39,7 @@ class Link:
     floor: float
     bounds: tuple[tuple[float, float], ...] = (GAIN,)
     lags: tuple[float, float] = LAG
-    may_lag: bool = False  # a controller that follows at a distance
+    still: tuple[float, float] = STILL  # samples of delay where no sensor is late
     low: float = 0.0  # Hz, the lowest frequency looked at
 
     def match(self, columns: Columns, period: float) -> Match:
@@ -48,8 +48,7 @@ class Link:
 
     def still_match(self, columns: Columns, period: float) -> Match:
         """The best fit with gains where effects may take them, but hardly any delay."""
-        lags = self.lags if self.may_lag else STILL
-        return self._match(columns, period, self.bounds, lags)
+        return self._match(columns, period, self.bounds, self.still)
 
     def free_match(self, columns: Columns, period: float, most_lag: float) -> Match:
         """The best fit with any gain of the first term, and up to `most_lag` samples of delay either way."""

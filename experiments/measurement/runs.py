@@ -10,6 +10,7 @@ from experiments.measurement.matching import Array
 _LEAST_STUCK: Final = 8  # rows
 _AROUND: Final = 20  # rows before and after
 _JUMP: Final = 3.0  # times the larger steps around
+_TRAVEL: Final = 5e-3  # rad (or m) by which a joint has moved
 _LEAST_FLAT: Final = 3  # rows
 _CHANCE: Final = 1e-9  # that a run of equal values comes about by chance
 _LONGER: Final = 3  # times the longest other run
@@ -36,33 +37,37 @@ class Runs:
         return length > _LONGER * others.max(initial=1) and self.rows * repeats ** (length - 1) < _CHANCE
 
 
-def is_stuck(runs: Runs, values: Array) -> bool:
-    """Whether the column hangs at a value while the quantity moves on: it leaves the run with a jump."""
+def is_stuck(runs: Runs, values: Array, moves: Array) -> bool:
+    """Whether the column hangs at a value while the quantity moves on: it leaves the run with a jump, or the joint
+    moves (T,) meanwhile, by another sensor."""
+    steps = np.abs(np.diff(values))
     for place in np.flatnonzero(runs.lengths >= _LEAST_STUCK):
         start, length = int(runs.starts[place]), int(runs.lengths[place])
         stop = start + length
-        steps = np.abs(np.diff(values))
         around = np.concatenate([steps[max(start - 1 - _AROUND, 0) : max(start - 1, 0)], steps[stop : stop + _AROUND]])
-        if stop == len(values) or len(around) < _AROUND:
+        if len(around) < _AROUND:
             continue
-        jump = steps[stop - 1] > _JUMP * np.percentile(around, 90)
+        jump = stop < len(values) and steps[stop - 1] > _JUMP * np.percentile(around, 90)
+        travel = float(np.ptp(moves[start:stop])) if len(moves) else 0.0
         repeats = 2.0 * (1.0 + (around == 0.0).sum()) / (2.0 + len(around))
-        if jump and runs.rows * min(repeats, 1.0) ** (length - 1) < _CHANCE:
+        if (jump or travel > _TRAVEL) and runs.rows * min(repeats, 1.0) ** (length - 1) < _CHANCE:
             return True
     return False
 
 
 def is_clipped(runs: Runs, values: Array, limit: float | None) -> bool:
-    """Whether the column lies flat at its extreme, with corners where it leaves it.
+    """Whether the column lies flat at its extreme, with corners where it leaves it. At the end of a log it hangs there.
 
     `limit`: a bound of the quantity itself, such as the current's, at which it may lie flat.
     """
-    for extreme in (values.min(), values.max()):
+    extremes = (values.min(), values.max())
+    ordinary = runs.lengths[~np.isin(values[runs.starts], extremes)]
+    for extreme in extremes:
         if limit is not None and abs(abs(extreme) / limit - 1.0) < 0.01:
             continue
         at = values[runs.starts] == extreme
-        flat = at & (runs.lengths >= _LEAST_FLAT)
-        if flat.any() and runs.improbable(int(runs.lengths[flat].sum()), runs.lengths[~at]):
+        flat = at & (runs.lengths >= _LEAST_FLAT) & (runs.starts + runs.lengths < len(values))
+        if flat.any() and runs.improbable(int(runs.lengths[flat].sum()), ordinary):
             if _has_corners(values, runs.starts[flat], runs.lengths[flat]):
                 return True
     return False

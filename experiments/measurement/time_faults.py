@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from experiments.measurement.faults import Fault
+from experiments.measurement.faults import Fault, counted
 from experiments.measurement.log import SIGNALS, Log
 from experiments.measurement.matching import Array
 
@@ -72,8 +72,8 @@ def _gaps(log: Log, steps: Array) -> Iterator[Fault]:
         yield Fault(
             "dropped_samples",
             "time",
-            f"{total} samples were dropped in {len(lost)} places, up to {max(lost.values())} in a row, "
-            f"first after {log.time[min(lost)]:.6g} s; cut the log there or record it again.",
+            f"{counted(total, 'sample')} dropped in {counted(len(lost), 'place')}, up to {max(lost.values())} in a "
+            f"row, first after {log.time[min(lost)]:.6g} s; cut the log there or record it again.",
         )
 
 
@@ -127,8 +127,9 @@ def _lost_without_trace(log: Log, steps: Array) -> Iterator[Fault]:
         yield Fault(
             "dropped_samples",
             "time",
-            f"positions jump against their velocities in {rows.size} places, first at {log.time[rows[0] + 1]:.6g} s: "
-            "samples are missing there though the time goes on evenly; record the log again or cut it there.",
+            f"positions jump against their velocities in {counted(rows.size, 'place')}, first at "
+            f"{log.time[rows[0] + 1]:.6g} s: samples are missing there though the time goes on evenly; "
+            "record the log again or cut it there.",
         )
 
 

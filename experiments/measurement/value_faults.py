@@ -18,6 +18,9 @@ _STILL: Final = 5e-3  # rad (or m): a joint that stays within tells nothing, wha
 _COMMANDED: Final = 0.05  # rad: a command that goes further than this should have moved the joint
 _WINDS_UP: Final = 0.9  # correlation of motor position and spring torque
 _UNIT_NORM: Final = 0.02  # a quaternion's norm strays by its noise, 1e-3, not by this
+_ALOOF: Final = 10.0  # times as far has a joint to go where another signal is to show it
+_CARRIED: Final = 0.5  # of gravity: more than a torso feels whose legs swing in flight
+_FLIGHTS: Final = 0.02  # share of rows without contact from which they are judged
 _GRAVITY_OFF: Final = 3.0  # times; most of the time the ground carries the weight
 
 
@@ -34,6 +37,7 @@ def value_faults(log: Log, numbers: Mapping[str, Any]) -> Iterator[Fault]:
             yield from _broken_sensor(log, signal, table, still, numbers)
     yield from _orientation(log)
     yield from _gravity(log, numbers)
+    yield from _contact(log, numbers)
 
 
 def _no_value(log: Log, signal: str) -> Iterator[Fault]:
@@ -148,8 +152,11 @@ def _broken_sensor(
             continue
         runs = Runs.of(values)
         dead[place] = len(runs.lengths) == 1
-        stuck[place] = not dead[place] and is_stuck(runs, values)
-        clipped[place] = not dead[place] and is_clipped(runs, values, limit)
+        if dead[place]:
+            continue
+        clipped[place] = is_clipped(runs, values, limit)
+        moves = _motion(log, signal, name, np.isfinite(column))
+        stuck[place] = not clipped[place] and is_stuck(runs, values, moves)
     kinds = (
         ("dead_sensor", dead, "reads the same value throughout; repair the sensor or leave the column out."),
         ("stuck_sensor", stuck, "hangs at one value for many rows; cut these rows off or record the log again."),
@@ -159,6 +166,39 @@ def _broken_sensor(
         if flags.any():
             where = listed(_chosen(table, flags), signal_names(signal, log.joint))
             yield Fault(fault, where, f"{signal} of {where} {message}")
+
+
+def _motion(log: Log, signal: str, name: str, rows: Array) -> Array:
+    """How far the joint has come on these rows in units of a travel that this signal must show; empty if unknown.
+
+    A velocity is judged by the position of its side. Others by more motion: a held joint with a coarse encoder and a
+    velocity that is a little off does not move, and a torque may rest at zero within a gear's play.
+    """
+    if signal in ("joint_position", "motor_position"):
+        velocity = log.column(signal.replace("position", "velocity"), name)
+        travel = None if velocity is None else np.cumsum(np.nan_to_num(velocity)) * log.sample_period / _ALOOF
+    elif signal in ("joint_velocity", "motor_velocity"):
+        travel = log.column(signal.replace("velocity", "position"), name)
+    else:
+        position = log.column("joint_position", name)
+        travel = None if position is None else position / _ALOOF
+    return np.zeros(0) if travel is None or np.isnan(travel[rows]).any() else travel[rows]
+
+
+def _contact(log: Log, numbers: Mapping[str, Any]) -> Iterator[Fault]:
+    """No foot on the ground, and yet the torso does not fall."""
+    contact, acceleration = log.vector("foot_contact"), log.vector("base_acceleration")
+    if contact is None or acceleration is None or log.experiment != "ground" or np.isnan(contact).any():
+        return
+    felt = np.linalg.norm(acceleration, axis=1)
+    flying = (contact < 0.5).all(1) & np.isfinite(felt)
+    carried = flying & (felt > _CARRIED * numbers["gravity"])
+    if flying.mean() > _FLIGHTS and carried.sum() > 0.5 * flying.sum():
+        message = (
+            f"foot_contact says that no foot stands in {int(flying.sum())} rows, in most of which the torso does not "
+            "fall; 1 is contact, 0 is none: turn it with 'scale = -1' and 'offset = 1' in a column map."
+        )
+        yield Fault("contact", "feet", message)
 
 
 def _orientation(log: Log) -> Iterator[Fault]:

@@ -59,11 +59,18 @@ def with_rows(log: Log, rows: np.ndarray, renumbered: bool) -> Log:
 
 
 def late(samples: int) -> Change:
-    return lambda values: np.concatenate([np.repeat(values[:1], samples, axis=0), values[:-samples]])
+    """Early, where negative; held at the end."""
+    return lambda values: values[np.clip(np.arange(len(values)) - samples, 0, len(values) - 1)]
 
 
 def frozen(values: np.ndarray) -> np.ndarray:
     return np.repeat(values[:1], len(values), axis=0)
+
+
+def hanging(start: int, stop: int) -> Change:
+    return lambda values: np.concatenate(
+        [values[:start], np.repeat(values[start : start + 1], stop - start, 0), values[stop:]]
+    )
 
 
 def test_sound_logs_have_no_fault(air: Log, squat: Log) -> None:
@@ -90,6 +97,8 @@ def swapped(values: np.ndarray) -> np.ndarray:
         (("joint_position", "joint_velocity"), ("RF_HFE",), frozen, "joint_never_moves", "RF_HFE"),
         (("motor_current",), ("RH_KFE",), frozen, "dead_sensor", "motor_current of RH_KFE"),
         (("joint_velocity",), (), lambda x: np.clip(x, -0.5, 0.5), "clipped_sensor", "joint_velocity"),
+        (("joint_velocity",), ("RF_KFE",), hanging(200, 260), "stuck_sensor", "joint_velocity of RF_KFE"),
+        (("joint_torque",), ("LF_HFE",), hanging(300, 600), "stuck_sensor", "joint_torque of LF_HFE"),
     ],
 )
 def test_a_fault_of_columns_is_named(air: Log, signals, names, change, fault: str, named: str) -> None:
@@ -134,6 +143,8 @@ def test_faults_of_the_joints_are_found_on_the_ground_too(squat: Log) -> None:
     for signals, names, change, fault in (
         (("joint_torque",), ("LF_KFE", "RF_KFE"), np.negative, "sign"),
         (("motor_position",), ("LF_HFE", "LH_HFE"), swapped, "swapped_joints"),
+        (SENSORS, ("LF_KFE", "RF_KFE"), swapped, "swapped_joints"),
+        (("motor_current",), ("LF_HAA",), np.negative, "sign"),
     ):
         found = check(with_columns(squat, signals, names, change), NUMBERS)
         assert {f.fault for f in found} == {fault}, found
@@ -146,6 +157,27 @@ def as_log(case: Case, recording, place: int) -> Log:
     info = LogInfo.model_validate(robot_info(case.platform, case.sensors, list(recording.signals)))
     table = columns(recording, place)
     return make_log({"time": np.arange(len(table["joint_position/LF_HAA"])) * case.period, **table}, info)
+
+
+@pytest.fixture(scope="module")
+def slow() -> Log:
+    """A squat by torque with every signal."""
+    case = Case("squat", seed=7, duration=2.0)
+    return as_log(case, record([case]), 0)
+
+
+@pytest.mark.parametrize(
+    ("signal", "names", "by"), [("motor_current", (), 10), ("motor_current", ("LH_KFE",), 12), ("joint_torque", (), 12)]
+)
+def test_a_shift_in_a_slow_motion_shows_in_the_loops_answer_to_the_sensors_noise(slow: Log, signal, names, by) -> None:
+    (found,) = check(with_columns(slow, (signal,), names, late(by)), NUMBERS)
+    assert found.fault == "time_shift" and signal in found.message and f" {by} samples" in found.message, found
+
+
+def test_contacts_the_wrong_way_round_are_told_from_flight(slow: Log) -> None:
+    assert check(slow, NUMBERS) == []
+    (found,) = check(with_columns(slow, ("foot_contact",), (), lambda x: 1.0 - x), NUMBERS)
+    assert found.fault == "contact", found
 
 
 SUSPECTS = (  # effects that look most like a wrong gain, sign, time or a stuck joint
