@@ -3,6 +3,7 @@
 import csv
 import gzip
 import io
+import json
 import lzma
 import struct
 import tokenize
@@ -44,6 +45,7 @@ _BAD_NPZ: Final = (
 )
 _EXPLAINED_BYTES: Final = 1 << 26  # how far the slow search for a damaged row goes
 # what spreadsheets and pandas write for 'no value', beside the empty cell
+OTHER_DELIMITERS: Final = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
 _NO_VALUE: Final = ["", "nan", "NaN", "NAN", "NA", "null"]
 
 
@@ -153,6 +155,12 @@ def _csv_header(data: bytes, name: str, zipped: bool, delimiter: str, limits: Li
         row = next(csv.reader([line], delimiter=delimiter, strict=True), [])
     except csv.Error as error:
         raise UserError(f"{name}: the header line cannot be read ({_brief(error)}).") from None
+    other = next((mark for mark in OTHER_DELIMITERS if len(row) == 1 and mark in line), None)
+    if other is not None:
+        raise UserError(
+            f"{name} has a single column; if {OTHER_DELIMITERS[other]} stand between its columns, say "
+            f"delimiter = {json.dumps(other)} in a column map."
+        )
     return _check_names([column.strip() for column in row], name, limits)
 
 
@@ -230,6 +238,8 @@ def _array_name(member: str) -> str:
 
 def _to_float(column: pa.ChunkedArray, name: str, label: str) -> NDArray[np.float64]:
     kind = column.type
+    if pa.types.is_null(kind):  # nothing but empty cells
+        return np.full(len(column), np.nan)
     if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)):
         raise UserError(f"{name}: column {shown(label)} holds {shown(str(kind))} where numbers are expected.")
     if pa.types.is_boolean(kind):

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from experiments.errors import UserError
 from experiments.measurement.delays import estimate_delay, signal_delays
 from experiments.measurement.intake import read_checked
 from experiments.measurement.log import Log, SignalTable
@@ -124,3 +125,18 @@ def test_a_delay_is_told_to_a_part_of_a_sample(log: Log) -> None:
     numbers = load_numbers().model_dump(mode="json")
     between = [one for one in signal_delays(log, numbers) if one.signal == "joint_velocity"]
     assert len(between) == 12 and all(abs(one.samples) < 0.5 for one in between)
+
+
+def test_a_column_without_any_value_is_read_whatever_parquet_calls_its_type(tmp_path: Path) -> None:
+    columns = {"time": pa.array(np.arange(30) * PERIOD), "joint_position/LF_HAA": pa.nulls(30)}
+    pq.write_table(pa.table(columns), tmp_path / "log.parquet")
+    info = {"robot": "starleth", "experiment": "fixed_base", "sample_period": PERIOD}
+    (tmp_path / "log.json").write_text(json.dumps(info))
+    assert np.isnan(read_log(tmp_path / "log.parquet").column("joint_position", "LF_HAA")).all()
+
+
+def test_another_delimiter_is_guessed_in_the_message(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("time;joint_position/LF_HAA\n0;0.1\n")
+    (tmp_path / "log.json").write_text('{"robot": "starleth", "experiment": "fixed_base", "sample_period": 0.0025}')
+    with pytest.raises(UserError, match='delimiter = ";"'):
+        read_log(tmp_path / "log.csv")
