@@ -211,7 +211,7 @@ def describe(name: str, model: Model, library: Mapping[str, Effect] = LIBRARY) -
         )
     found = {p.name: p for p in library[effect].parameters}
     if parameter not in found:
-        raise ValueError(f"'{shown(name)}': effect {effect} has no parameter '{parameter}'; it has {', '.join(found)}")
+        raise ValueError(f"'{shown(name)}': effect {effect} has no such parameter; it has {', '.join(found)}")
     mask(where, library[effect].axis)
     p = found[parameter]
     here = [e.values() for e in model.effects if (e.effect, e.where) == (effect, where)]

@@ -14,7 +14,7 @@ import numpy as np
 
 from controller_jax.locomotion import GaitParams
 from experiments.errors import UserError
-from experiments.files import read_json
+from experiments.files import read_json, shown
 
 MAX_BYTES = 1_000_000
 # Numbers of the controller that are vectors, and their lengths; all others are scalars.
@@ -88,7 +88,7 @@ def check_names(names: Sequence[str], task: str) -> None:
     """Raises UserError for a parameter that the gait controller does not have."""
     for name in names:
         if name not in PARAMETERS:
-            raise UserError(f"Task {task}: no parameter '{name}'; choose among {', '.join(PARAMETERS)}.")
+            raise UserError(f"Task {task}: no parameter '{shown(name)}'; choose among {', '.join(PARAMETERS)}.")
 
 
 def controller_from_settings(numbers: Mapping[str, Any], torque_limits: Array, task: str) -> GaitParams:

@@ -59,6 +59,13 @@ def test_a_hundred_thousand_hostile_files(capfd):
     assert json.loads(done.stdout.splitlines()[-1])["inputs"] >= 0.99 * MANY
 
 
+@given(st.text())
+@settings(deadline=None)
+def test_an_error_is_one_printable_line_whatever_it_quotes(name):
+    told = str(UserError(f"No task '{name}'."))
+    assert told.isprintable() and told.startswith("No task '") and told.endswith("'.")
+
+
 @given(st.dictionaries(SWEEP_KEYS, JSON | st.lists(st.text(max_size=30), max_size=3), max_size=5))
 @settings(deadline=None, max_examples=150)
 def test_any_sweep_stays_in_its_folder(content):

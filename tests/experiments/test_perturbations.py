@@ -41,7 +41,7 @@ def test_the_shipped_files_are_read(name: str) -> None:
         ({"push_x": {"law": "fixed", "value": "NaN"}}, "push_x"),
         ({"backlash@LF_KFE.width": {"law": "fixed", "value": -1}}, "backlash"),
         ({"flubber@all.x": {"law": "fixed", "value": 0}}, "no effect 'flubber'"),
-        ({"payload@": {"law": "fixed", "value": 0}}, "has no parameter ''"),
+        ({"payload@": {"law": "fixed", "value": 0}}, "has no such parameter"),
         ({"command_delay@nose.delay": {"law": "fixed", "value": 0}}, "no place 'nose'"),
         ({f"n{i}": {"law": "fixed", "value": 0} for i in range(201)}, "200"),
     ],
