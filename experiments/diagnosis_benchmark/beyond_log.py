@@ -15,6 +15,7 @@ import numpy as np
 
 from controller_jax.types import RobotState
 from experiments.effects.library import LIBRARY
+from experiments.files import read_json, write_json
 from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.library import Effect
 from experiments.independent_plant.play import Jump, State, Targets, replay_jump
@@ -22,7 +23,7 @@ from experiments.independent_plant.runner import Case
 from experiments.measurement.diagnose import diagnose
 from experiments.measurement.intake import read_checked
 from experiments.measurement.learn import learn
-from experiments.model import Model, nominal_model
+from experiments.model import Model, load_model, nominal_model, save_model
 from experiments.perturbations import parse_perturbations
 from experiments.plant import make_plant
 from experiments.run_folder import open_run
@@ -33,6 +34,7 @@ from experiments.tune import TuneOptions, tune
 
 TASK = "squat_jump"
 LOG_DURATION = 8.0  # s
+MAX_BYTES = 50_000_000
 
 
 def beyond_log(
@@ -40,7 +42,7 @@ def beyond_log(
 ) -> dict[str, Any]:
     """Apexes [m] of both jumps, each as its model promised and as the robot reached. Raises UserError."""
     log = _log(folder, hidden, seed)
-    answer, learned = _learned(log, say)
+    answer, learned = _learned(folder, log, say)
     definition = load_task(TASK).with_generations(generations)
     found: dict[str, Any] = {"hidden": f"{hidden.effect}@{hidden.where}", "parameters": hidden.parameters}
     found |= {"verdict": answer["verdict"], "learned": [f"{e.effect}@{e.where}" for e in learned.effects]}
@@ -70,12 +72,18 @@ def _log(folder: Path, hidden: Effect, seed: int) -> Path:
     return folder / "log" / "case_0001.csv.gz"
 
 
-def _learned(path: Path, say: Callable[[str], None]) -> tuple[Mapping[str, Any], Model]:
-    """The diagnosis of the log, and the model with what it names."""
+def _learned(folder: Path, path: Path, say: Callable[[str], None]) -> tuple[Mapping[str, Any], Model]:
+    """The diagnosis of the log, and the model with what it names; both are kept in the folder."""
+    told, learned = folder / "diagnosis.json", folder / "model.json"
+    if told.exists() and learned.exists():
+        return read_json(told, MAX_BYTES), load_model(learned)
     log, nominal = read_checked(path, None, nominal_model()), nominal_model()
     answer = diagnose([log], nominal, LIBRARY, say).answer
     wanted = [(entry["effect"], entry["where"]) for entry in answer["effects"]]
-    return answer, learn([log], nominal, LIBRARY, wanted)[0] if wanted else nominal
+    model = learn([log], nominal, LIBRARY, wanted)[0] if wanted else nominal
+    write_json(told, answer)
+    save_model(learned, model)
+    return answer, model
 
 
 def _tuned(folder: Path, definition: TaskDefinition, model: Model, seed: int, devices: int) -> tuple[np.ndarray, float]:
