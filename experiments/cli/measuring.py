@@ -16,7 +16,8 @@ OutputOption = Annotated[Path | None, typer.Option("--output", "-o", help="Folde
 COMPARE = """Where does the model fail on a log, and by how much over the noise?
 
 Replays each part of the plant on what was measured: the drives on the measured joint motion, the bodies and the ground
-on the measured torque. Prints a JSON object; 1.0 is the sensors' noise.
+on the measured torque; 1.0 is the sensors' noise. A model with effects is shown beside the same model without them.
+Prints a table for you and a JSON object for programs; with -o a report.
 
     starleth compare log.csv.gz
     starleth compare log.csv.gz --model model.json
@@ -24,7 +25,8 @@ on the measured torque. Prints a JSON object; 1.0 is the sensors' noise.
 DIAGNOSE = """Which physical effect does the model lack, where, how sure, what else could it be?
 
 Scores every known effect at every place, refits the best in the full simulation, proves them on held-out parts of the
-logs, and says when it does not know. Writes diagnosis.json and a report.
+logs, and says when it does not know. Writes diagnosis.json and a report. A log that cannot be believed gets the verdict
+data_fault with the fault in one sentence; `compare` and `learn` refuse it with that sentence and exit code 2.
 
     starleth diagnose log.csv.gz
     starleth diagnose air.csv.gz squat.csv.gz --effects my_effect.py
@@ -50,6 +52,7 @@ def compare_command(
     output: OutputOption = None,
 ) -> None:
     start_jax()
+    from experiments.cli.measuring_tables import show_comparison
     from experiments.measurement.compare import compare
     from experiments.measurement.intake import read_checked
     from experiments.reports.comparison import write_comparison_report
@@ -61,9 +64,10 @@ def compare_command(
     if output is not None:
         make_answer_folder(output)
     found = compare(taken, robot, library)
-    answer = found.answer()
+    before = compare(taken, robot.model_copy(update={"effects": ()}), library) if robot.effects else None
+    answer = found.answer() | ({"without_effects": before.answer()} if before else {})
+    show_comparison(found, before)
     if output is not None:
-        before = compare(taken, robot.model_copy(update={"effects": ()}), library) if robot.effects else None
         _write(output, "comparison.json", answer)
         write_comparison_report(output / "report.html", found, before)
     print(json.dumps(answer))
@@ -92,6 +96,7 @@ def diagnose_command(
         make_answer_folder(output)
         _write(output, "diagnosis.json", answer)
         write_fault_report(output / "report.html", fault)
+        _say(answer["text"])
         print(json.dumps(answer))
         return
     robot, library = _on_bench(taken[0], robot, library)
@@ -116,7 +121,9 @@ def learn_command(
     output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.")] = Path("model.json"),
 ) -> None:
     start_jax()
-    from experiments.files import refuse_unwritable
+    from experiments.cli.measuring_tables import fitted_lines
+    from experiments.errors import UserError
+    from experiments.files import refuse_unwritable, shown
     from experiments.measurement.intake import read_checked
     from experiments.measurement.learn import learn, parse_place
     from experiments.model import save_model
@@ -125,9 +132,18 @@ def learn_command(
     taken = [read_checked(log, columns, robot) for log in logs]
     robot, library = _on_bench(taken[0], robot, library)
     wanted = [parse_place(text, library, taken[0].joint_names) for text in effect]
+    if output.suffix != ".json":
+        raise UserError(f"{shown(output)} is no name for a model file; give one that ends in .json.")
     refuse_unwritable(output)
+    _say(f"fitting {', '.join(f'{name} at {where}' for name, where in wanted)} to {len(taken)} log(s)")
     learned, _, _ = learn(taken, robot, library, wanted, nominal)
     save_model(output, learned)
+    for line in fitted_lines(learned.effects, wanted):
+        _say(line)
+    record = learned.provenance[-1]
+    for name, error in zip(record["logs"], record["worst_error_over_noise"], strict=True):
+        _say(f"{name}: worst channel now at {error:.2f} times the noise")
+    _say(f"Written to {output}; next: starleth compare {logs[0]} --model {output}")
     print(json.dumps({"model": str(output), **learned.model_dump(mode="json", include={"effects", "provenance"})}))
 
 

@@ -34,7 +34,7 @@ MODEL_ERROR = {"force": 0.5, "torque": 0.05, "joint": 0.06, "gap": 5e-4, "fricti
 CHANNELS = (
     *(f"torso_force/{axis}" for axis in "xyz"),
     *(f"torso_torque/{axis}" for axis in "xyz"),
-    *(f"joint_torque/{name}" for name in JOINT_NAMES),
+    *(f"link_torque/{name}" for name in JOINT_NAMES),
     *(f"foot_height/{leg}" for leg in LEGS),
     *(f"friction/{leg}" for leg in LEGS),
 )

@@ -18,6 +18,7 @@ from experiments.measurement.refit import Refitted, refit
 from experiments.measurement.verdict import FLOOR, Misfit, misfit
 from experiments.model import Model
 
+EXPLAINED = 1.3 * FLOOR  # residual over noise of the worst of many channels of a right model
 STILL, FAST = 0.05, 1.0  # rad/s of the joint
 LOADED = 0.5  # of the largest torque of the joint
 REVERSAL = 0.05  # s around a change of the joint's direction
@@ -36,6 +37,12 @@ class Channel:
     fit: float | None  # per cent of the measured variation that is predicted
     whiteness: float | None  # 1: white; RMS autocorrelation of the residual over what white noise has
 
+    def cells(self) -> tuple[str, str, str, str]:
+        """Error, error over noise, fit and whiteness for a table."""
+        fit = "" if self.fit is None else f"{self.fit:.2f}" if self.fit > 0 else "none"
+        white = "" if self.whiteness is None else f"{self.whiteness:.1f}"
+        return f"{self.error:.3g}", f"{self.over_noise:.2f}", fit, white
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -53,12 +60,23 @@ class Comparison:
 
     @property
     def explained(self) -> bool:
-        return all(c.over_noise <= FLOOR * 1.3 for c in self.channels)
+        return all(c.over_noise <= EXPLAINED for c in self.channels)
+
+    def in_words(self) -> str:
+        """The comparison in one or two sentences."""
+        name, worst = self.log.name, self.worst
+        at = f"{worst.name}: {worst.over_noise:.2f} times the noise"
+        if self.explained:
+            return f"The model explains {name} down to the sensors' noise; worst is {at}."
+        failing = [c for c in self.channels if c.over_noise > EXPLAINED]
+        where = f"{len(failing)} of {len(self.channels)} channels" if len(self.channels) > 1 else "its channel"
+        return f"The model fails on {name} in {where}; worst is {at}. `starleth diagnose` asks which effect is missing."
 
     def answer(self) -> dict[str, Any]:
         """What `compare` prints as JSON."""
         return {
             "log": self.log.name,
+            "text": self.in_words(),
             "worst_channel": self.worst.name,
             "worst_over_noise": round(self.worst.over_noise, 3),
             "explained": self.explained,

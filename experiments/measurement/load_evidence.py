@@ -58,7 +58,7 @@ class LoadEvidence:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        return tuple(f"joint_torque/{name}" for name in self.atoms.joint_names)
+        return tuple(f"link_torque/{name}" for name in self.atoms.joint_names)
 
     @property
     def model_error(self) -> np.ndarray:

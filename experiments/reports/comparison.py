@@ -25,7 +25,7 @@ def write_comparison_report(path: Path, found: Comparison, before: Comparison | 
             Card("Without the model's effects", f"{before.worst.over_noise:.2f}", "× noise", before.worst.name)
         )
     sections = [
-        Section("Result", [Cards(cards), Text("1.0 is what the sensors' noise alone would leave.", "lead")]),
+        Section("Result", [Cards(cards), Text(f"{found.in_words()} 1.0 is what the noise alone would leave.", "lead")]),
         Section("Where it fails", [*maps(found, "with the model as given"), *_before(before)]),
         Section("Worst channels", [_channels(found)]),
     ]
@@ -74,15 +74,6 @@ def _before(before: Comparison | None) -> list[Block]:
 
 def _channels(found: Comparison) -> Table:
     worst = sorted(found.channels, key=lambda c: -c.over_noise)[:TOP]
-    rows = [
-        (
-            c.name,
-            f"{c.error:.3g}",
-            f"{c.over_noise:.2f}",
-            "" if c.fit is None else f"{c.fit:.2f}",
-            "" if c.whiteness is None else f"{c.whiteness:.1f}",
-        )
-        for c in worst
-    ]
+    rows = [(c.name, *c.cells()) for c in worst]
     caption = "Fit: share of the measured variation that is predicted. Whiteness: 1 for white residuals."
     return Table(("channel", "RMS error (SI)", "over noise", "fit %", "whiteness"), rows, caption, numeric=(1, 2, 3, 4))
