@@ -7,6 +7,8 @@ from typing import Any
 from experiments.effects.effect import Effect
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.gather import gather
+from experiments.measurement.joint_evidence import JointEvidence
+from experiments.measurement.leftover import Hint, hints
 from experiments.measurement.log import Log
 from experiments.measurement.next_experiment import NextExperiment, next_experiment
 from experiments.measurement.noise_floor import noise_of
@@ -27,6 +29,7 @@ from experiments.measurement.verdict import (
 )
 from experiments.model import Model
 
+HINTS_TOLD = 2  # in the verdict's words; the answer file and the report hold more
 WELL_EXPLAINED = 0.02  # excess of chi^2 per residual at which the nominal numbers need no second look
 
 
@@ -42,6 +45,7 @@ class Diagnosis:
     after: tuple[Misfit, ...]
     text: str
     next_experiment: NextExperiment
+    rest: tuple[Hint, ...]
     answer: dict[str, Any]
 
 
@@ -57,10 +61,12 @@ def diagnose_evidence(evidence: tuple[Evidence, ...], model: Model, say: Callabl
     verdict, effects = decide(evidence, selection)
     before = tuple(misfit(log, selection.ladder[0].fit, i) for i, log in enumerate(evidence))
     after = tuple(misfit(log, selection.fit, i) for i, log in enumerate(evidence))
-    text = in_words(verdict, effects, selection, evidence)
+    rest = hints(evidence, selection.fit if effects else selection.ladder[0].fit)
+    text = in_words(verdict, effects, selection, evidence, rest)
     further = next_experiment(evidence, selection, model)
     answer = _answer(verdict, effects, selection, evidence, text) | {"next_experiment": further.text}
-    return Diagnosis(verdict, effects, selection, evidence, before, after, text, further, answer)
+    answer["rest_goes_with"] = [hint._asdict() for hint in rest]
+    return Diagnosis(verdict, effects, selection, evidence, before, after, text, further, tuple(rest), answer)
 
 
 def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str], None]) -> Selection:
@@ -73,11 +79,15 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     strict = select(evidence, clock, say, most=0)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
         return strict if excess(evidence, strict.fit) <= 0 else select(evidence, clock, say, most=1)
+    freedom = (*clock, *nominal_freedom(model, evidence[0].atoms.effects))
+    if all(isinstance(log, JointEvidence) for log in evidence):  # where a gain is all of the numbers in one
+        numbers = select(evidence, freedom, say, most=0)
+        if excess(evidence, numbers.fit) <= WELL_EXPLAINED:
+            return numbers
     strict = select(evidence, clock, say, most=1)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
         return strict
     say("trying again with nominal numbers that may be a little off")
-    freedom = (*clock, *nominal_freedom(model, evidence[0].atoms.effects))
     freed = select(evidence, freedom, say, least=WELL_EXPLAINED)
     return freed if _better(evidence, freed, strict) else strict
 
@@ -89,12 +99,14 @@ def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bo
     return excess(logs, freed.fit) < 0.8 * excess(logs, strict.fit)
 
 
-def in_words(verdict: Verdict, effects: Sequence[Placed], selection: Selection, logs: Sequence[Evidence]) -> str:
-    """The verdict in plain words."""
+def in_words(
+    verdict: Verdict, effects: Sequence[Placed], selection: Selection, logs: Sequence[Evidence], rest: Sequence[Hint]
+) -> str:
+    """The verdict in plain words, and what the unexplained rest goes with."""
     named = " and ".join(f"{p.effect} at {p.where}" for p in effects)
     left = unexplained(logs, selection)
     ties = sorted({f"{name} at {where}" for group in selection.ties for name, where in group})
-    return {
+    verdict_text = {
         "none": "The model explains the log down to the sensors' noise: no effect is missing.",
         "explained": f"The model lacks {named}; with it the log is explained down to the noise.",
         "partly_explained": f"The model lacks {named}; {left:.1%} of the misfit remains that no known effect explains.",
@@ -102,6 +114,15 @@ def in_words(verdict: Verdict, effects: Sequence[Placed], selection: Selection, 
         "unknown": "Something is missing that no effect of the library explains.",
         "data_fault": "The log itself is faulty.",
     }[verdict]
+    told = [verdict_text]
+    for one in selection.refuted:
+        told.append(
+            f"{one.effect} at {one.where} explains some of the logs and makes {one.log} worse: "
+            "are they of one robot in one state?"
+        )
+    if verdict not in ("none", "explained") and rest:
+        told.append(f"Of what is left, {', and '.join(hint.in_words() for hint in rest[:HINTS_TOLD])}.")
+    return " ".join(told)
 
 
 def _answer(verdict, effects, selection: Selection, logs, text: str) -> dict[str, Any]:
@@ -115,6 +136,7 @@ def _answer(verdict, effects, selection: Selection, logs, text: str) -> dict[str
         "next_experiment": "",
         "held_out_rms": round(held_out_rms(selection, logs), 4),
         "unexplained_fraction": round(unexplained(logs, selection), 4),
-        "ranking": ranking_entries(selection),
+        "ranking": ranking_entries(selection, logs),
+        "refuted": [one._asdict() for one in selection.refuted],
         **({"fit_percent": fits} if fits else {}),
     }

@@ -98,6 +98,16 @@ def refit_effects(
     return replace(_solve(problem, effects, (), held, iterations), nominal=held.nominal)
 
 
+def settle(log: Evidence, taught: Refitted, nominal: Sequence[Nominal]) -> Refitted:
+    """A log under the effects and nominal numbers that others taught: only its own nuisances are fitted."""
+    x, variables = log.start().x, _variables(log, taught.effects, nominal)
+    fitted = [_first(taught.effects, variable) for variable in variables[: len(variables) - len(nominal)]]
+    for variable, value in zip(variables, [*fitted, *taught.nominal], strict=True):
+        x = _add(log.atoms, x, variable, value)
+    problem = _Problem((log,), (x,), [], (np.ones(log.blocks, bool),))
+    return replace(_solve(problem, (), (), None, ITERATIONS), effects=taught.effects, nominal=taught.nominal)
+
+
 def _solve(
     problem: "_Problem",
     effects: Sequence[Placed],

@@ -12,9 +12,11 @@ import numpy as np
 
 from experiments.effects.effect import Effect
 from experiments.effects.places import mask
+from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.evidence import Evidence
-from experiments.measurement.features import Change, Products, Variant, changes_of, gain, projected
-from experiments.measurement.refit import FARTHEST, Nominal, Placed, Refitted, refit, refit_effects
+from experiments.measurement.features import changes_of
+from experiments.measurement.linear_score import Scored, best_of_each, following, scored_at
+from experiments.measurement.refit import Nominal, Placed, Refitted, refit, refit_effects
 
 MOST_EFFECTS = 6
 FINALISTS = 5  # effects that are refitted in each round
@@ -25,20 +27,8 @@ TIE = 0.25  # of what the winner leaves over the noise, or takes away: a rival t
 NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
 DOMINATED = 0.05  # of the best linear score: hypotheses below it are not refitted
 SHORT_FIT = 4  # iterations of a finalist's refit
-REFINED, NEAR = (
-    2,
-    2.0,
-)  # finalists that are fitted again with all nominal numbers, and how near to the best they must be
-
-
-class Scored(NamedTuple):
-    """A linear hypothesis with its score."""
-
-    effect: Effect
-    where: str
-    gain: float  # fall of chi^2, linear, all blocks
-    values: dict[str, float]
-    variant: Variant
+REFINED = 2  # finalists that are fitted again with all nominal numbers
+NEAR = 2.0  # times the best one's chi^2 on held-out blocks that they may leave
 
 
 class Finalist(NamedTuple):
@@ -57,14 +47,25 @@ class Rung(NamedTuple):
     proof: Refitted
 
 
+class Refuted(NamedTuple):
+    """An effect that explains some of the logs and, learned there, makes another one worse."""
+
+    effect: str
+    where: str
+    log: str
+
+
 @dataclass
 class Selection:
     """What was selected, and all that was considered on the way."""
 
     fit: Refitted
     nominal: Sequence[Nominal]
+    elsewhere: Elsewhere
     ladder: list[Rung] = field(default_factory=list)
     rankings: list[list[Scored]] = field(default_factory=list)
+    refitted: list[dict[tuple[str, str], float]] = field(default_factory=list)  # held-out chi^2 of each finalist
+    refuted: list[Refuted] = field(default_factory=list)
     ties: list[list[tuple[str, str]]] = field(default_factory=list)
     winners: list[Refitted] = field(default_factory=list)
     rivals: list[list[Refitted]] = field(default_factory=list)  # of each winner, fitted as well as it
@@ -83,26 +84,27 @@ def select(
     train, test = halves(logs)
     fit = refit(logs, (), nominal)
     proof = refit(logs, (), nominal, fit, train, SHORT_FIT)
-    selection = Selection(fit, nominal, ladder=[Rung("nominal model", fit, proof)])
+    selection = Selection(fit, nominal, Elsewhere(logs, nominal), ladder=[Rung("nominal model", fit, proof)])
     while len(selection.fit.effects) < most and _excess(logs, selection.fit) > least:
         say(f"scoring {len(variants)} hypotheses at every place")
         proof = selection.ladder[-1].proof
         before = _on(proof, test)
         products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
-        ranking = _scored(logs, products, nominal, changes, variants)
+        ranking = scored_at(logs, products, nominal, changes, variants)
         selection.rankings.append(ranking)
         finalists = []
         for scored in _finalists(ranking, selection.fit.effects):
             say(f"refitting {scored.effect.name}@{scored.where}")
             trial = (*selection.fit.effects, Placed(scored.effect.name, scored.where, scored.values))
-            held = replace(selection.fit, nominal=_following(logs, products, selection.fit, nominal, changes, scored))
+            held = replace(selection.fit, nominal=following(logs, products, selection.fit, nominal, changes, scored))
             fitted = refit_effects(logs, trial, nominal, held, train, SHORT_FIT)
             finalists.append(Finalist(scored, fitted, _on(fitted, test)))
         finalists = _with_nominal(finalists, logs, nominal, train, test)
-        best = finalists[0] if finalists else None
-        if best is None or not _proven(best.scored.effect, best.scored.where, before, best.held_out, logs, test):
+        selection.refitted.append({(f.scored.effect.name, f.scored.where): f.held_out for f in finalists})
+        chosen = _chosen(finalists, before, logs, test, selection)
+        if chosen is None:
             break
-        winner, rivals = _simplest(finalists, before, _weight(logs, test))
+        winner, rivals = chosen
         full = refit(logs, winner.fit.effects, nominal, winner.fit)
         selection.ties.append([(f.scored.effect.name, f.scored.where) for f in rivals])
         selection.winners.append(winner.fit)
@@ -113,6 +115,23 @@ def select(
     return selection
 
 
+def _chosen(
+    finalists: list[Finalist], before: float, logs: Sequence[Evidence], test, selection: Selection
+) -> tuple[Finalist, list[Finalist]] | None:
+    """The winner and its rivals: proven on held-out blocks and, of several logs, not refuted by one left out whole."""
+    best = finalists[0] if finalists else None
+    if best is None or not _proven(best.scored.effect, best.scored.where, before, best.held_out, logs, test):
+        return None
+    winner, rivals = _simplest(finalists, before, _weight(logs, test))
+    close = [winner, *rivals]
+    for one in close:
+        log = selection.elsewhere.refutes(one.fit.effects, one.fit)
+        if log is None:
+            return one, [other for other in close if other is not one]
+        selection.refuted.append(Refuted(one.scored.effect.name, one.scored.where, log))
+    return None
+
+
 def _with_nominal(finalists: list[Finalist], logs, nominal, train, test) -> list[Finalist]:
     """Best first; the best few are fitted again with the nominal numbers free."""
     finalists.sort(key=lambda f: f.held_out)
@@ -121,44 +140,6 @@ def _with_nominal(finalists: list[Finalist], logs, nominal, train, test) -> list
         fit = refit(logs, finalist.fit.effects, nominal, finalist.fit, train, SHORT_FIT)
         finalists[i] = finalist._replace(fit=fit, held_out=_on(fit, test))
     return sorted(finalists, key=lambda f: f.held_out)
-
-
-def score(
-    logs: Sequence[Evidence],
-    fit: Refitted,
-    nominal: Sequence[Nominal],
-    changes: list[Change],
-    variants: list[Variant],
-) -> list[Scored]:
-    """Every effect at its best place and shape, best first."""
-    products = [log.products(point, changes) for log, point in zip(logs, fit.points, strict=True)]
-    return _scored(logs, products, nominal, changes, variants)
-
-
-def _scored(logs, products: Sequence[Products], nominal, changes, variants) -> list[Scored]:
-    atoms = logs[0].atoms
-    reduced = [_without_nuisances(p, atoms, nominal, changes) for p in products]
-    found = []
-    for variant in variants:
-        for where in atoms.places(variant.effect):
-            place = mask(where, variant.effect.axis, atoms.joint_names)
-            directions = [p.direction(atoms, variant, changes, place) for p in products]
-            scored = _joint_gain(reduced, directions)
-            values = dict(changes[variant.changes[0]].shapes)
-            values |= {changes[k].strength: float(v) for k, v in zip(variant.changes, scored.values, strict=True)}
-            value_gain = scored.gain if _possible(variant.effect, values) else 0.0
-            found.append(Scored(variant.effect, where, value_gain, _bounded(variant.effect, values), variant))
-    return sorted(found, key=lambda s: -s.gain)
-
-
-def best_of_each(ranking: Sequence[Scored]) -> list[Scored]:
-    """The best place and shape of each effect."""
-    seen, best = set(), []
-    for scored in ranking:
-        if scored.effect.name not in seen:
-            seen.add(scored.effect.name)
-            best.append(scored)
-    return best
 
 
 def _finalists(ranking: Sequence[Scored], chosen: Sequence[Placed]) -> list[Scored]:
@@ -211,69 +192,6 @@ def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None
             proof = refit(logs, full.effects, selection.nominal, full, train, SHORT_FIT)
             rungs.append(Rung(f"+ {others[i - 1].effect}@{others[i - 1].where}", full, proof))
         selection.ladder, selection.fit = rungs, rungs[-1].fit
-
-
-def _without_nuisances(p: Products, atoms, nominal, changes) -> np.ndarray:
-    directions = [*_own(p), *_nominal_directions(p, atoms, nominal, changes)]
-    return projected(p.gram.sum(0), directions, np.ones(len(directions)))
-
-
-def _own(p: Products) -> list[np.ndarray]:
-    """Directions of a log's own nuisances."""
-    unit = np.eye(p.gram.shape[1])
-    return [unit[i] for i in p.nuisances]
-
-
-def _nominal_directions(p: Products, atoms, nominal, changes) -> list[np.ndarray]:
-    """What each nominal number does when it is one deviation off."""
-    directions = []
-    for n in nominal:
-        k = next(k for k, c in enumerate(changes) if (c.effect.name, c.strength) == (n.effect, n.parameter))
-        column = np.zeros(p.gram.shape[1])
-        place = mask(n.where, changes[k].effect.axis, atoms.joint_names)
-        column[p.start[k] : p.start[k] + len(place)] = place / changes[k].step * n.deviation
-        directions.append(column)
-    return directions
-
-
-def _following(logs, products: Sequence[Products], fit: Refitted, nominal, changes, scored: Scored) -> np.ndarray:
-    """Where the nominal numbers want to be once a hypothesis has the value of its score (linear)."""
-    if not nominal:
-        return fit.nominal
-    atoms, deviation = logs[0].atoms, np.array([n.deviation for n in nominal])
-    now = fit.nominal / deviation
-    hessian, gradient = np.eye(len(nominal)), now.copy()
-    place = mask(scored.where, scored.effect.axis, atoms.joint_names)
-    strengths = np.array([scored.values[changes[k].strength] for k in scored.variant.changes])
-    for p in products:
-        gram = projected(p.gram.sum(0), _own(p), np.ones(len(p.nuisances)))
-        g = np.stack(_nominal_directions(p, atoms, nominal, changes), 1)
-        moved = p.direction(atoms, scored.variant, changes, place) @ strengths
-        moved[-1] += 1.0  # the residual itself
-        hessian = hessian + g.T @ gram @ g
-        gradient = gradient + g.T @ gram @ moved
-    return np.clip(now - np.linalg.solve(hessian, gradient), -FARTHEST, FARTHEST) * deviation
-
-
-def _joint_gain(reduced: list[np.ndarray], directions: list[np.ndarray]):
-    """One hypothesis over several logs: its parameters are shared."""
-    if len(reduced) == 1:
-        return gain(reduced[0], directions[0])
-    count = directions[0].shape[1]
-    total = np.zeros((count + 1, count + 1))
-    for w, d in zip(reduced, directions, strict=True):
-        both = np.concatenate([d, np.eye(len(w))[:, -1:]], 1)
-        total += both.T @ w @ both
-    return gain(total, np.eye(count + 1)[:, :count])
-
-
-def _possible(effect: Effect, values: dict[str, float]) -> bool:
-    """Whether the strengths point into their bounds at all (a negative backlash does not)."""
-    return all(p.low < 0 or values[p.name] > 0 for p in effect.strengths) if len(effect.strengths) == 1 else True
-
-
-def _bounded(effect: Effect, values: dict[str, float]) -> dict[str, float]:
-    return {p.name: float(np.clip(values.get(p.name, p.start), p.low, p.high)) for p in effect.parameters}
 
 
 def halves(logs: Sequence[Evidence]) -> tuple[list[np.ndarray], list[np.ndarray]]:

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from experiments.measurement.diagnose import Diagnosis
-from experiments.measurement.selection import best_of_each
+from experiments.measurement.linear_score import best_of_each
+from experiments.measurement.verdict import refitted_rms
 from experiments.reports.diagnosis_figures import ladder, maps, signals, spectra
 from experiments.reports.page import Block, Card, Cards, Section, Table, Text, number, write_report
 
@@ -21,7 +22,7 @@ def write_diagnosis_report(path: Path, found: Diagnosis) -> None:
         Section("Where the model fails", maps(found)),
         Section("Which effect", [_ranking(found)]),
         Section("Measured against model", signals(found)),
-        Section("What is left", spectra(found)),
+        Section("What is left", [*_rest(found), *spectra(found)]),
     ]
     write_report(path, "Diagnosis", ", ".join(log.name for log in found.logs), sections)
 
@@ -43,22 +44,47 @@ def _parameters(found: Diagnosis) -> list[Block]:
     for entry in found.answer["effects"]:
         for name, p in entry["parameters"].items():
             low, high = p["ci95"]
-            interval = f"{number(low, 4)} to {number(high, 4)}"
-            rows.append((entry["effect"], entry["where"], name, number(p["value"], 4), interval, p["unit"]))
+            interval = f"{number(low, 5)} to {number(high, 5)}"
+            rows.append((entry["effect"], entry["where"], name, number(p["value"], 5), interval, p["unit"]))
     header = ("effect", "place", "parameter", "value", "95 % interval", "unit")
-    return [Table(header, rows, "What to put into the model: `starleth learn` does.", numeric=(3, 4))] if rows else []
+    blocks: list[Block] = []
+    if rows:
+        blocks.append(Table(header, rows, "What to put into the model: `starleth learn` does.", numeric=(3, 4)))
+    unseen = [
+        (f"{entry['effect']} at {entry['where']}", u["log"], f"{u['error_before']:.2f}", f"{u['error_after']:.2f}")
+        for entry in found.answer["effects"]
+        for u in entry["other_experiments"]
+    ]
+    if unseen:
+        caption = "Fitted to the other logs alone: worst channel over noise of a log left out whole."
+        blocks.append(Table(("effect", "unseen log", "without it", "with it"), unseen, caption, numeric=(2, 3)))
+    return blocks
+
+
+def _rest(found: Diagnosis) -> list[Block]:
+    """What the rest of the worst channels goes with."""
+    rows = [(h.log, h.channel, f"{h.over_noise:.2f}", h.input, h.way, f"{h.correlation:+.2f}") for h in found.rest]
+    header = ("log", "channel", "over noise", "input or state", "the rest", "correlation")
+    caption = (
+        "What the unexplained rest goes with: it follows the input in sign, or its size grows with the input's size."
+    )
+    return [Table(header, rows, caption, numeric=(2, 5))] if rows else []
 
 
 def _ranking(found: Diagnosis) -> Block:
     if not found.selection.rankings:
         return Text("Nothing was scored: the model explains the log.")
     best = [s for s in best_of_each(found.selection.rankings[0]) if s.gain > 0][:RANKED]
+    refitted = refitted_rms(found.selection, found.logs)
     rows = []
     for s in best:
         suggested = ", ".join(f"{name} {number(value)}" for name, value in s.values.items())
-        rows.append((s.effect.name, s.where, f"{s.gain:.0f}", suggested, s.effect.about))
-    header = ("effect", "best place", "score", "suggested numbers", "meaning")
+        left = refitted.get((s.effect.name, s.where))
+        left = "" if left is None else f"{left:.2f}"
+        rows.append((s.effect.name, s.where, f"{s.gain:.0f}", left, suggested, s.effect.about))
+    header = ("effect", "best place", "score", "refitted: × noise", "suggested numbers", "meaning")
     caption = (
-        "First look: fall of chi-square that each effect alone promises, linearly. Refits and held-out parts decide."
+        "First look: fall of chi-square that each effect alone promises, linearly; of the best, what a refit in the "
+        "full simulation leaves on held-out parts, RMS over noise. The latter decides."
     )
-    return Table(header, rows, caption, numeric=(2,))
+    return Table(header, rows, caption, numeric=(2, 3))

@@ -7,6 +7,7 @@ from experiments.measurement.compare import REGIMES, regimes
 from experiments.measurement.diagnose import Diagnosis
 from experiments.measurement.evidence import DRIVE_CHANNELS, Evidence
 from experiments.measurement.joint_evidence import JointEvidence
+from experiments.measurement.log import SIGNALS
 from experiments.measurement.verdict import held_out_error
 from experiments.reports.bench_figures import bench_signals, bench_spectrum
 from experiments.reports.comparison import heat
@@ -16,6 +17,7 @@ from experiments.reports.page import Block, Columns, Figure, Table
 SHOWN = 1200  # samples of a signal in a figure
 BINS = 60  # of a spectrum
 LOWEST = 0.3  # Hz
+WIDE = 8.0  # ratio of errors from which the ladder's axis is logarithmic
 BEFORE, AFTER = "nominal model", "with the effects"
 
 
@@ -27,7 +29,12 @@ def ladder(found: Diagnosis) -> Block:
     text = [f"{error:.2f}" for error in worst]
     figure.add_trace(go.Bar(x=names, y=worst, marker_color=BLUE, text=text, textposition="outside", width=0.5))
     figure.add_hline(y=1.0, line_dash="dot", annotation_text="sensor noise")
-    figure.update_yaxes(title="residual over noise, held out", range=[0, 1.2 * max(*worst, 1.0)])
+    figure.update_yaxes(title="residual over noise, held out")
+    top = max(*worst, 1.0)
+    if top > WIDE * min(worst):  # the last steps, down to the noise, would not be seen
+        figure.update_yaxes(type="log", range=[np.log10(0.5), np.log10(2.0 * top)])
+    else:
+        figure.update_yaxes(range=[0, 1.2 * top])
     return Figure(figure, "Worst channel of the replay after each added effect, on parts of the logs not fitted to.")
 
 
@@ -64,8 +71,9 @@ def _rest(log: Evidence | JointEvidence, before, after) -> list[Block]:
         rows = [(name, b, a) for name, b, a in pairs if np.isfinite(b)]
     if not rows:
         return []
-    header = ("channel of bodies and contact", "before", "after")
-    return [Table(header, [(n, f"{b:.2f}", f"{a:.2f}") for n, b, a in rows], f"{log.name}.", numeric=(1, 2))]
+    header = ("channel of bodies and contact", BEFORE, AFTER)
+    caption = f"{log.name}: residual over noise of what was measured at the joints, the torso and the feet."
+    return [Table(header, [(n, f"{b:.2f}", f"{a:.2f}") for n, b, a in rows], caption, numeric=(1, 2))]
 
 
 def signals(found: Diagnosis) -> list[Block]:
@@ -94,6 +102,7 @@ def _drive_signal(found: Diagnosis, i: int, log: Evidence) -> Block:
         predicted = log.drive.predict(point.x[None], point.shift[None])[0]
         figure.add_trace(line(time, predicted[rows, j, c], name, colour))
     figure.update_xaxes(title="s")
+    figure.update_yaxes(title=SIGNALS[DRIVE_CHANNELS[c]].unit)
     name = f"{DRIVE_CHANNELS[c]} of {log.atoms.joint_names[j]}"
     return Figure(figure, f"{log.name}: {name}, the drives' channel that the nominal model misses most.", True)
 

@@ -1,10 +1,12 @@
 """A rigid joint on a bench: efforts in closed form for a given motion, so that what is hidden is known exactly."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from experiments.cli.measuring_tables import fitted_lines, show_comparison
 from experiments.effects.bench import GRAVITY_LOAD
 from experiments.effects.library import LIBRARY
 from experiments.measurement.compare import compare
@@ -13,18 +15,21 @@ from experiments.measurement.gather import model_for
 from experiments.measurement.learn import learn
 from experiments.measurement.log import BenchJoint, Log, SignalTable
 from experiments.model import load_model, nominal_model, save_model
+from experiments.reports.diagnosis import write_diagnosis_report
 
 PERIOD = 1e-3
+ROWS = 8000
 INERTIA, VISCOUS, GRAVITY = 0.3, 0.4, 2.0
 COULOMB, BIAS = 0.35, 0.12  # N m that the model does not know of
 ENCODER, TORQUE = 2e-6, 0.02  # rad, N m of noise
+SILENT = lambda text: None  # noqa: E731
 GEARED = dict(LIBRARY) | {GRAVITY_LOAD.name: GRAVITY_LOAD}
 
 
-def bench_log(coulomb: float = 0.0, bias: float = 0.0, rows: int = 8000) -> Log:
-    """A sum of sines; J a + b v + G sin q + coulomb sgn v + bias |v|, held for a row as a drive holds it."""
+def bench_log(coulomb: float = 0.0, bias: float = 0.0, cable: float = 0.0, start: float = 0.0) -> Log:
+    """A sum of sines; J a + b v + G sin q + coulomb sgn v + bias |v| + cable (q + q^3), held for a row each."""
     rng = np.random.default_rng(5)
-    time = np.arange(rows) * PERIOD
+    time = start + np.arange(ROWS) * PERIOD
     tones = [(0.9, 0.31), (0.5, 0.77), (0.2, 1.9), (0.08, 3.3)]
 
     def course(t, k):
@@ -34,14 +39,15 @@ def bench_log(coulomb: float = 0.0, bias: float = 0.0, rows: int = 8000) -> Log:
     middle = time + 0.5 * PERIOD  # the effort is held from this row to the next
     q, v, a = (course(middle, k) for k in range(3))
     effort = INERTIA * a + VISCOUS * v + GRAVITY * np.sin(q) + coulomb * np.sign(v) + bias * np.abs(v)
+    effort += cable * (q + q**3)
     table = lambda x: SignalTable(("axis",), x[:, None])  # noqa: E731
     signals = {
-        "joint_position": table(course(time, 0) + ENCODER * rng.standard_normal(rows)),
-        "applied_torque": table(effort + TORQUE * rng.standard_normal(rows)),
+        "joint_position": table(course(time, 0) + ENCODER * rng.standard_normal(ROWS)),
+        "applied_torque": table(effort + TORQUE * rng.standard_normal(ROWS)),
     }
     joint = BenchJoint(name="axis", inertia=INERTIA, viscous_friction=VISCOUS, gravity_load=GRAVITY)
     noise = {"joint_position": ENCODER, "applied_torque": TORQUE}
-    return Log("joint", "bench", PERIOD, noise, joint, time, signals, name="bench")
+    return Log("joint", "bench", PERIOD, noise, joint, time, signals, name=f"bench_{start:g}")
 
 
 @pytest.fixture(scope="module")
@@ -51,13 +57,28 @@ def faulty() -> Log:
 
 def test_the_right_model_lacks_nothing() -> None:
     log = bench_log()
-    found = diagnose([log], model_for(log, nominal_model()), GEARED, lambda text: None)
+    found = diagnose([log], model_for(log, nominal_model()), GEARED, SILENT)
     assert found.verdict == "none" and not found.effects
     assert found.answer["fit_percent"][0]["all"] > 98.0
 
 
+def test_numbers_that_are_a_little_off_are_no_effect() -> None:
+    log = bench_log()
+    off = {"inertia": 1.08 * INERTIA, "viscous_friction": 0.93 * VISCOUS, "gravity_load": 1.09 * GRAVITY}
+    log = replace(log, joint=log.joint.model_copy(update=off))
+    found = diagnose([log], model_for(log, nominal_model()), GEARED, SILENT)
+    assert found.verdict == "none" and not found.effects, found.answer
+
+
+def test_a_law_that_effects_of_the_library_only_imitate_is_unknown() -> None:
+    log = bench_log(cable=1.0)
+    found = diagnose([log], model_for(log, nominal_model()), GEARED, SILENT)
+    assert found.verdict == "unknown" and found.answer["effects"] == [], found.answer
+    assert any("position" in hint["input"] for hint in found.answer["rest_goes_with"])
+
+
 def test_both_hidden_frictions_are_named_and_measured(faulty) -> None:
-    found = diagnose([faulty], model_for(faulty, nominal_model()), GEARED, lambda text: None)
+    found = diagnose([faulty], model_for(faulty, nominal_model()), GEARED, SILENT)
     named = {entry["effect"]: entry for entry in found.answer["effects"]}
     assert set(named) == {"coulomb_friction", "direction_dependent_viscous_friction"}
     assert {entry["where"] for entry in named.values()} == {"axis"}
@@ -69,7 +90,33 @@ def test_both_hidden_frictions_are_named_and_measured(faulty) -> None:
     assert errors[0] > 3.0 * errors[1] and errors[1] < 1.5
 
 
-def test_a_learned_model_makes_the_error_fall(faulty, tmp_path) -> None:
+def test_an_effect_is_proven_on_a_log_that_it_was_not_fitted_to_and_refuted_by_one(faulty, tmp_path) -> None:
+    effects = {"coulomb_friction": LIBRARY["coulomb_friction"]}
+    model = model_for(faulty, nominal_model())
+    found = diagnose([faulty, bench_log(COULOMB, BIAS, start=20.0)], model, effects, SILENT)
+    (entry,) = found.answer["effects"]
+    assert {u["log"] for u in entry["other_experiments"]} == {"bench_0", "bench_20"}
+    assert all(u["error_after"] < 0.5 * u["error_before"] for u in entry["other_experiments"]), entry
+    write_diagnosis_report(tmp_path / "report.html", found)
+    assert "Fitted to the other logs alone" in (tmp_path / "report.html").read_text()
+    refuted = diagnose([faulty, bench_log(start=20.0)], model, effects, SILENT)
+    assert refuted.verdict == "unknown" and refuted.answer["effects"] == []
+    assert refuted.answer["refuted"] == [{"effect": "coulomb_friction", "where": "axis", "log": "bench_20"}]
+    assert "makes bench_20 worse" in refuted.text
+
+
+@pytest.mark.parametrize(
+    ("hidden", "told"), [({"coulomb": COULOMB}, "direction of motion"), ({"cable": 1.0}, "position")]
+)
+def test_what_nothing_explains_is_told_with_what_it_goes_with(hidden, told) -> None:
+    log = bench_log(**hidden)
+    found = diagnose([log], model_for(log, nominal_model()), {"torque_ripple": LIBRARY["torque_ripple"]}, SILENT)
+    (hint,) = found.answer["rest_goes_with"]
+    assert found.verdict == "unknown" and told in hint["input"] and abs(hint["correlation"]) > 0.5, found.answer
+    assert f"goes with the {hint['input']}" in found.text
+
+
+def test_a_learned_model_makes_the_error_fall_and_says_so(faulty, tmp_path, capsys) -> None:
     nominal = model_for(faulty, nominal_model())
     wanted = [("coulomb_friction", "axis"), ("direction_dependent_viscous_friction", "axis")]
     learned, _, _ = learn([faulty], nominal, GEARED, wanted)
@@ -79,3 +126,8 @@ def test_a_learned_model_makes_the_error_fall(faulty, tmp_path) -> None:
     before, after = (compare(faulty, model, GEARED) for model in (nominal, again))
     assert after.worst.over_noise < 0.2 * before.worst.over_noise
     assert after.channels[0].fit > before.channels[0].fit
+    show_comparison(after, before)
+    shown = capsys.readouterr().err
+    assert "without" in shown and f"{before.worst.over_noise:.2f}" in shown
+    lines = fitted_lines(learned.effects, wanted)
+    assert len(lines) == 2 and lines[0].startswith("coulomb_friction at axis: torque 0.35"), lines

@@ -9,6 +9,7 @@ import pytest
 
 from controller_jax.geometry import geometry_from_numbers
 from experiments.effects import LIBRARY
+from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.excitation import FASTEST, excitations
 from experiments.measurement.gather import gather
 from experiments.measurement.log_reader import read_log
@@ -37,13 +38,17 @@ def tied():
 
 def test_without_ties_there_is_nothing_to_do(tied) -> None:
     evidence, dry, _ = tied
-    found = next_experiment([evidence], Selection(dry, (), winners=[dry], rivals=[[]]), nominal_model())
+    found = next_experiment(
+        [evidence], Selection(dry, (), Elsewhere([evidence], ()), winners=[dry], rivals=[[]]), nominal_model()
+    )
     assert found.text == "" and found.excitation is None
 
 
 def test_the_best_of_the_motions_is_chosen_and_written(tied, tmp_path) -> None:
     evidence, dry, viscous = tied
-    found = next_experiment([evidence], Selection(dry, (), winners=[dry], rivals=[[viscous]]), nominal_model())
+    found = next_experiment(
+        [evidence], Selection(dry, (), Elsewhere([evidence], ()), winners=[dry], rivals=[[viscous]]), nominal_model()
+    )
     assert "coulomb_friction@LH_KFE" in found.text and "viscous_friction@LH_KFE" in found.text
     rest = np.clip(
         evidence.drive.log.joint_position[: evidence.drive.rows].mean(0), LIMITS[:, 0] + 0.3, LIMITS[:, 1] - 0.3
