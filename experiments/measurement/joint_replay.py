@@ -20,7 +20,7 @@ from experiments.model import JointNumbers
 from mjx_starleth.numbers import load_numbers
 from sea_jax import DriveParams, JointCommand, JointMotion, params_from_numbers
 from sea_jax.friction import coulomb_level, gear_friction
-from sea_jax.hooks import apply_hooks, no_signals
+from sea_jax.hooks import DriveHooks, Signals, apply_hooks, no_signals
 
 Array = jax.Array
 
@@ -30,6 +30,7 @@ LOUD = 0.1  # of the effort: what the encoder's noise may add to it through the 
 WIDER = 2.0
 HIGHEST_SHARE = 0.45  # of the sampling rate, for any filter
 ORDER = 4
+LEAST_GAIN = 0.1  # of the torque constant
 STILL = 0.01  # of the largest speed, below which the joint may stand
 
 
@@ -72,7 +73,7 @@ class JointReplay:
                 current=command.torque,
                 spring_torque=command.torque,
             )
-            effort, memory = apply_hooks(hooks, "motor_torque", command.torque, seen, memory)
+            effort, gain, memory = _at_the_motor(hooks, seen, command.torque, memory)
             friction = gear_friction(params, coulomb_level(params, nothing), motion.velocity)
             friction, memory = apply_hooks(hooks, "friction", friction, seen, memory)
             drag = self.effects.apply("joint_drag", numbers, nothing, seen)
@@ -81,9 +82,20 @@ class JointReplay:
             level = jnp.maximum(friction.coulomb, 0.0)
             standing = free - jnp.clip(free, -level, level)
             moving = free - level * jnp.sign(motion.velocity)
-            return memory, jnp.where(jnp.abs(motion.velocity) < still, standing, moving)[0]
+            left = jnp.where(jnp.abs(motion.velocity) < still, standing, moving)
+            # as an error of what was measured: else the smallest gain would leave the least of its noise
+            return memory, (left / jnp.maximum(gain, LEAST_GAIN))[0]
 
         return jax.lax.scan(step, self.effects.memory(1), log)[1]
+
+
+def _at_the_motor(hooks: DriveHooks, seen: Signals, measured: Array, memory: dict) -> tuple[Array, Array, dict]:
+    """Effort behind the effects on the motor, its slope over the measured one, and their memory."""
+
+    def driving(torque: Array) -> tuple[Array, dict]:
+        return apply_hooks(hooks, "motor_torque", torque, seen._replace(current=torque, spring_torque=torque), memory)
+
+    return jax.jvp(driving, (measured,), (jnp.ones_like(measured),), has_aux=True)
 
 
 def rigid_drive(joint: JointNumbers) -> DriveParams:

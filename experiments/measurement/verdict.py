@@ -111,19 +111,19 @@ def worst(logs: Sequence[Evidence], fit: Refitted) -> float:
 
 def decide(logs: Sequence[Evidence], selection: Selection) -> tuple[Verdict, tuple[Placed, ...]]:
     """The verdict and the effects that it names."""
+    if _unknown_law(logs, selection):
+        return "unknown", ()
     left = worst(logs, selection.fit)
     effects = selection.fit.effects
     if not effects or unexplained(logs, selection) > 1.0 - FOUND_SHARE:
         return ("none" if worst(logs, selection.ladder[0].fit) <= FLOOR * 1.3 else "unknown"), ()
-    if _imitation(logs, selection):
-        return "unknown", ()
     if any(tied and _large(logs, selection, k) for k, tied in enumerate(selection.ties)):
         return "not_identifiable", effects
     return ("explained" if left <= 1.5 * FLOOR else "partly_explained"), effects
 
 
-def _imitation(logs: Sequence[Evidence | JointEvidence], selection: Selection) -> bool:
-    """Whether the effects of a rigid joint only imitate a law of its position or speed that the library lacks."""
+def _unknown_law(logs: Sequence[Evidence | JointEvidence], selection: Selection) -> bool:
+    """Whether a rigid joint follows a law of its position or speed that its effects, if any, at best imitate."""
     if not all(isinstance(log, JointEvidence) for log in logs):
         return False
     without, found = selection.ladder[0].proof, selection.ladder[-1].proof

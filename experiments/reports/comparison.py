@@ -8,7 +8,7 @@ import plotly.graph_objects as go
 from experiments.measurement.compare import REGIMES, Comparison
 from experiments.measurement.evidence import DRIVE_CHANNELS
 from experiments.reports.figures import new_figure
-from experiments.reports.page import Block, Card, Cards, Figure, Section, Table, Text, write_report
+from experiments.reports.page import Block, Card, Cards, Columns, Figure, Section, Table, Text, write_report
 
 TOP = 12  # worst channels that get a row
 
@@ -26,7 +26,7 @@ def write_comparison_report(path: Path, found: Comparison, before: Comparison | 
         )
     sections = [
         Section("Result", [Cards(cards), Text(f"{found.in_words()} 1.0 is what the noise alone would leave.", "lead")]),
-        Section("Where it fails", [*maps(found, "with the model as given"), *_before(before)]),
+        Section("Where it fails", _side_by_side(found, before)),
         Section("Worst channels", [_channels(found)]),
     ]
     write_report(path, "Model against measurement", found.log.name, sections)
@@ -68,8 +68,12 @@ def heat(values: np.ndarray, columns, rows) -> go.Figure:
     return figure
 
 
-def _before(before: Comparison | None) -> list[Block]:
-    return [] if before is None else maps(before, "without the model's effects")
+def _side_by_side(found: Comparison, before: Comparison | None) -> list[Block]:
+    """The maps, those of the model without its effects on the left."""
+    if before is None:
+        return maps(found, "with the model as given")
+    sides = [maps(before, "without the model's effects"), maps(found, "with them")]
+    return [Columns(sides)] if all(sides) else []
 
 
 def _channels(found: Comparison) -> Table:

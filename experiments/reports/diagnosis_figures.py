@@ -35,7 +35,10 @@ def ladder(found: Diagnosis) -> Block:
         figure.update_yaxes(type="log", range=[np.log10(0.5), np.log10(2.0 * top)])
     else:
         figure.update_yaxes(range=[0, 1.2 * top])
-    return Figure(figure, "Worst channel of the replay after each added effect, on parts of the logs not fitted to.")
+    caption = "Worst channel of the replay after each added effect, on parts of the logs not fitted to."
+    if found.selection.fit.effects and not found.effects:
+        caption += " What was tried leaves too much, or only imitates what is missing: it is not believed."
+    return Figure(figure, caption)
 
 
 def maps(found: Diagnosis) -> list[Block]:
