@@ -17,8 +17,9 @@ from experiments.measurement.refit import Refitted
 Array = np.ndarray
 
 ABOVE = 1.3  # residual over noise from which a channel has something left to explain
-SURE = 4.0  # standard deviations, by the blocks' scatter
+SURE = 3.0  # standard deviations, by the blocks' scatter
 LEAST = 0.15  # correlation below which nobody could see it
+BY_SIZE = 0.7  # of a correlation counts where only sizes go together, which tells less
 MOST = 5  # hints given
 STILL = 0.05  # of the largest speed: no direction
 WORDS = {"follows": "goes with {}", "grows": "is larger where {} is large"}
@@ -59,7 +60,7 @@ def _best(rest: Array, used: Array, block: Array, blocks: int, inputs: Mapping[s
     sure = [one for one in judged if one[3] > SURE and abs(one[2]) > LEAST]
     if not sure:
         return None
-    name, way, correlation, _ = max(sure, key=lambda one: abs(one[2]))
+    name, way, correlation, _ = max(sure, key=lambda one: abs(one[2]) * (BY_SIZE if one[1] == "grows" else 1.0))
     return name, way, round(correlation, 3)
 
 
