@@ -30,7 +30,8 @@ def load_effects(files: Iterable[Path] = ()) -> dict[str, Effect]:
 def find_effect(name: str, effects: dict[str, Effect]) -> Effect:
     """The effect of that name, or a UserError that lists the names."""
     if name not in effects:
-        raise UserError(f"No effect '{shown(name)}'; the effects are {', '.join(sorted(effects))}.")
+        known = ", ".join(sorted(effects))
+        raise UserError(f"No effect '{shown(name)}'; your own come with --effects FILE, the others are {known}.")
     return effects[name]
 
 

@@ -24,6 +24,7 @@ LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypot
 LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
 LEAST_STEP = 0.2  # of what is left over the noise: an effect that takes less is not what is missing
 TIE = 0.25  # of what the winner leaves over the noise, or takes away: a rival that is closer cannot be told from it
+NOTHING = 4.0  # of chi^2, by which joints differ that do not feel an effect
 NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
 DOMINATED = 0.05  # of the best linear score: hypotheses below it are not refitted
 SHORT_FIT = 4  # iterations of a finalist's refit
@@ -122,7 +123,7 @@ def _chosen(
     best = finalists[0] if finalists else None
     if best is None or not _proven(best.scored.effect, best.scored.where, before, best.held_out, logs, test):
         return None
-    winner, rivals = _simplest(finalists, before, _weight(logs, test))
+    winner, rivals = simplest(finalists, before, _weight(logs, test), logs[0].atoms.joint_names)
     close = [winner, *rivals]
     for one in close:
         log = selection.elsewhere.refutes(one.fit.effects, one.fit)
@@ -153,10 +154,13 @@ def _finalists(ranking: Sequence[Scored], chosen: Sequence[Placed]) -> list[Scor
     return best
 
 
-def _simplest(finalists: list[Finalist], before: float, noise: float) -> tuple[Finalist, list[Finalist]]:
+def simplest(
+    finalists: list[Finalist], before: float, noise: float, joint_names: tuple[str, ...]
+) -> tuple[Finalist, list[Finalist]]:
     """Of those that the held-out blocks cannot tell from the best, the one with the fewest parameters, and its rivals.
 
-    A rival with more parameters is no rival: an effect that holds another as its limit always fits as well.
+    A rival with more parameters is no rival: an effect that holds another as its limit always fits as well. Nor is the
+    winner at another place: where joints do not feel an effect, the one with the fewest joints is what was seen.
     """
     best = finalists[0].held_out
     reach = max(TIE * min(best - noise, before - best), LEAST_GAIN)
@@ -164,7 +168,10 @@ def _simplest(finalists: list[Finalist], before: float, noise: float) -> tuple[F
     close = [f for f in finalists if f.held_out <= enough]
     fewest = min(len(f.scored.effect.parameters) for f in close)
     simple = [f for f in close if len(f.scored.effect.parameters) == fewest]
-    return simple[0], simple[1:]
+    effect = simple[0].scored.effect
+    alike = [f for f in simple if f.scored.effect is effect and f.held_out - simple[0].held_out < NOTHING]
+    winner = min(alike, key=lambda f: mask(f.scored.where, effect.axis, joint_names).sum())
+    return winner, [f for f in simple if not any(f is one for one in alike)]
 
 
 def _proven(effect: Effect, where: str, before: float, after: float, logs: Sequence[Evidence], test) -> bool:
