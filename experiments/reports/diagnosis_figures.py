@@ -32,7 +32,7 @@ def ladder(found: Diagnosis) -> Block:
     figure.update_yaxes(title="residual over noise, held out")
     top = max(*worst, 1.0)
     if top > WIDE * min(worst):  # the last steps, down to the noise, would not be seen
-        figure.update_yaxes(type="log", range=[np.log10(0.5), np.log10(2.0 * top)])
+        figure.update_yaxes(type="log", dtick=1, range=[np.log10(0.5), np.log10(2.0 * top)])
     else:
         figure.update_yaxes(range=[0, 1.2 * top])
     caption = "Worst channel of the replay after each added effect, on parts of the logs not fitted to."
@@ -135,8 +135,8 @@ def spectra(found: Diagnosis) -> list[Block]:
             figure = new_figure(height=320)
             for name, fit, colour in _fits(found):
                 figure.add_trace(_spectrum(log.drive_residual([fit.points[i]])[0], log.period, name, colour))
-            figure.update_xaxes(type="log", title="Hz")
-            figure.update_yaxes(type="log", title="residual power, 1 = noise")
+            figure.update_xaxes(type="log", dtick=1, title="Hz")
+            figure.update_yaxes(type="log", dtick=1, title="residual power, 1 = noise")
             blocks.append(Figure(figure, f"{log.name}: spectrum of the drives' residuals; white noise lies at 1."))
     return blocks
 
