@@ -16,7 +16,7 @@ class FootholdParams(NamedTuple):
 
     lever: Array  # () 0: telescopic strut, hip projected along gravity; 1: lever, along the slope's normal
     feed_forward: Array  # () share of the way travelled in stance by which the foot lands ahead
-    feedback: Array  # () k_FB of eq. 4
+    feedback: Array  # (2,) k_FB of eq. 4 for the heading and the lateral velocity
     heading_offset: Array  # (2,) fore, hind, forwards, m
     lateral_offset: Array  # (2,) fore, hind, outwards, m
     reach: Array  # () largest distance from the projected hip along either axis, share of the leg length
@@ -51,7 +51,7 @@ def desired_footholds(
         [-r_BH_C[:, 1], r_BH_C[:, 0]], -1
     )
     v_ref_C = 0.5 * (v_hip_C + v_torso_C)
-    balance = params.feedback * jnp.sqrt(height / geometry.gravity)[:, None] * (v_ref_C - v_des_C)  # eq. 4
+    balance = params.feedback[None] * jnp.sqrt(height / geometry.gravity)[:, None] * (v_ref_C - v_des_C)  # eq. 4
     ahead = params.feed_forward * v_des_C * stance_duration[:, None]
     offset = jnp.repeat(jnp.stack([params.heading_offset, params.lateral_offset], -1), 2, axis=0)
     offset = offset * jnp.stack([jnp.ones(4), jnp.asarray(LEFT_SIGN)], -1).astype(offset.dtype)

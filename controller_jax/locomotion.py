@@ -112,14 +112,16 @@ def step(
     omega = jnp.broadcast_to(robot.omega_B, (4, 3))
     slip_W = robot.v_WB[None] + mv(R_WB[None], cross(omega, feet.r_BS_B) + feet.v_BS_B)
 
-    pattern, phase = _schedule(params, state.phase, time, period)
+    pattern, phase, stepping = _schedule(params, state.phase, time, period)
     phases = gait.leg_phases(pattern, phase)
     memory, roles, events = leg_coordination.coordinate(
         params.coordination, state.legs, phases, robot.contact, soles_W, slip_W, state.plane.normal_W, period
     )
     plane = terrain_estimator.estimate(params.terrain, state.plane, memory.foothold_W, period)
     R_WC = control_frame(R_WB, plane.normal_W)
-    smoothed = smooth(params.velocity, state.command, command)
+    # a torso that leaves before its feet do overstretches the legs behind it
+    wanted = VelocityCommand(*(stepping * speed for speed in command))
+    smoothed = smooth(params.velocity, state.command, wanted)
 
     target = torso_target(
         params.torso, pattern, phases, phase, soles_W, plane, robot.r_WB, R_WC, smoothed, geometry.gravity
@@ -154,7 +156,7 @@ def step(
 
 
 def _schedule(params, phase, time, period):
-    """Contact schedule now, and the phase in it: at rest while standing, then blended into the gait."""
+    """Contact schedule now, the phase in it, and whether legs step: standing at rest, then blended into the gait."""
     goal = gait.full_pattern(params.gait)
     going = jnp.clip((time - params.start.stand) / params.start.blend, 0.0, 1.0)
     pattern = gait.interpolate(gait.standing(goal), goal, going)
@@ -162,7 +164,7 @@ def _schedule(params, phase, time, period):
     stays = swing < params.start.shortest_swing
     pattern = pattern._replace(lift_off=jnp.where(stays, gait.standing(pattern).lift_off, pattern.lift_off))
     phase = jnp.where(time >= params.start.stand, gait.advance(pattern, phase, period), phase)
-    return pattern, phase
+    return pattern, phase, 1.0 - stays.any().astype(phase.dtype)
 
 
 def _swing(params, geometry, robot, memory, roles, phases, R_WC, plane, command, soles_W) -> FootMotion:

@@ -116,9 +116,6 @@ def torso_target(
     square = 1.0 + rise * rise
     pitch, pitch_rate = jnp.arctan(rise), rise_rate / square
     pitch_acceleration = rise_acceleration / square - 2.0 * rise * pitch_rate**2
-    # legs hang down from the hips: what the torso turns with a slope, HAA and HFE must take back within their stops
-    ahead, left = jnp.arcsin(jnp.clip(R_WC[2, 0], -1.0, 1.0)), jnp.arcsin(jnp.clip(R_WC[2, 1], -1.0, 1.0))
-    level = 1.0 - params.slope_share
     zero = jnp.zeros_like(pitch)
     lead = 1.0 + params.speed_lead
     v_C = jnp.stack([lead[0] * command.heading, lead[1] * command.lateral, zero])
@@ -128,7 +125,17 @@ def torso_target(
         r_WB=jnp.stack([support[0], support[1], height]),
         v_WB=mv(R_WC, v_C) + heights.slope.mean() * up,
         a_WB=heights.curvature.mean() * up,
-        R_WB=mm(R_WC, mm(rotation_axis(-level[0] * left, 0), rotation_axis(pitch + level[1] * ahead, 1))),
+        R_WB=mm(along_slope(params.slope_share, R_WC), rotation_axis(pitch, 1)),
         omega_W=mv(R_WC, omega_C),
         alpha_W=mv(R_WC, alpha_C),
     )
+
+
+def along_slope(share: Array, R_WC: Array) -> Array:
+    """Orientation (3, 3) of a torso that turns with a share (2,) of the slope in roll and in pitch.
+
+    Legs hang down from the hips: what the torso turns with a slope, HAA and HFE must take back within their stops.
+    """
+    ahead, left = jnp.arcsin(jnp.clip(R_WC[2, 0], -1.0, 1.0)), jnp.arcsin(jnp.clip(R_WC[2, 1], -1.0, 1.0))
+    level = 1.0 - share
+    return mm(R_WC, mm(rotation_axis(-level[0] * left, 0), rotation_axis(level[1] * ahead, 1)))

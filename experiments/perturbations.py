@@ -156,6 +156,26 @@ def perturbations_of_task(
     return load_perturbations(name_or_file, model, library)
 
 
+def perturbations_of_search(
+    definition: TaskDefinition, name_or_file: str | Path | None, model: Model, library: Mapping[str, Effect] = LIBRARY
+) -> Perturbations:
+    """What the candidates of a search meet: those asked for, else the task's own with its harder laws for searching.
+
+    Raises UserError.
+    """
+    own = perturbations_of_task(definition, name_or_file, model, library)
+    harder = definition.search_perturbations
+    if name_or_file is not None or not harder:
+        return own
+    if unknown := sorted(set(harder) - set(own.names)):
+        raise UserError(
+            f"Task {definition.task}: search_perturbations only makes perturbations harder that the task has; "
+            f"correct '{shown(unknown[0])}'."
+        )
+    content = {**definition.perturbations, "draw": {**definition.perturbations["draw"], **harder}}
+    return parse_perturbations(content, f"the search_perturbations of {definition.task}", model, library)
+
+
 def parse_perturbations(
     content: object, source: str, model: Model, library: Mapping[str, Effect] = LIBRARY
 ) -> Perturbations:

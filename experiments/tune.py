@@ -55,11 +55,16 @@ class TuneOptions:
     library: Mapping[str, Effect] = field(default_factory=lambda: LIBRARY)
     devices: int | None = None
     searched: bool = True  # False: the initial guess stands for the result of a search
+    search_law: Perturbations | None = None  # what the search's candidates meet, if not the same
     refine: int = 0  # steps of the refinement, which is an own step after the search: no setting of it
 
     def trials(self, key: jax.Array, count: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Perturbed numbers by name and the starts of their sensor noise, (count,) each."""
         return self.perturbations.columns(key, count)
+
+    def search_trials(self, key: jax.Array, count: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """The same for the candidates of the search."""
+        return (self.search_law or self.perturbations).columns(key, count)
 
     @property
     def perturbed_model(self) -> Model:
@@ -82,6 +87,8 @@ class TuneOptions:
             "perturbations": self.perturbations.model_dump(mode="json"),
             "versions": versions(),
         }
+        if self.search_law is not None:
+            settings["search_perturbations"] = self.search_law.model_dump(mode="json")
         return settings if self.searched else settings | {"searched": False}
 
 
@@ -135,7 +142,9 @@ class StagedEvaluation:
     def __call__(self, stage: Stage, candidates: np.ndarray, key: jax.Array) -> tuple[np.ndarray, Any]:
         definition = self.stages[stage.name]
         evaluation = self.on(definition.drive, definition.sensing)
-        numbers, noise = self.options.trials(key, definition.trials) if definition.perturbed else self.options.nominal()
+        numbers, noise = (
+            self.options.search_trials(key, definition.trials) if definition.perturbed else self.options.nominal()
+        )
         score = evaluation.scores(crossed(candidates, numbers, noise), definition.torque_limit)
         costs = score.cost.reshape(len(candidates), -1)
         return np.asarray(reduce_costs(costs, self.options.risk)), score

@@ -94,7 +94,7 @@ def command(
     from experiments.effects.library import load_effects
     from experiments.errors import UserError
     from experiments.model import load_model
-    from experiments.perturbations import perturbations_of_task
+    from experiments.perturbations import perturbations_of_search, perturbations_of_task
     from experiments.smooth.rollout import smooth_rollout
     from experiments.tasks.definition import load_task
     from experiments.tasks.registry import make_task
@@ -115,6 +115,7 @@ def command(
         definition = definition.with_trials(trials)
     robot = load_model(model, library)
     chosen = perturbations_of_task(definition, perturbations, robot, library)
+    search_law = perturbations_of_search(definition, perturbations, robot, library)
     options = TuneOptions(
         definition,
         robot,
@@ -125,6 +126,7 @@ def command(
         library,
         devices,
         generations != 0,
+        None if search_law == chosen else search_law,
         refine,
     )
     make_task(definition, robot)  # what does not fit together is refused before there is a folder

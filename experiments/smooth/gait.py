@@ -85,7 +85,9 @@ def control(
     foothold_W = state.foothold_W + pressed[:, None] * (soles_W - state.foothold_W)
     plane = terrain_estimator.estimate(params.terrain, state.plane, foothold_W, period)
     R_WC = control_frame(R_WB, plane.normal_W)
-    smoothed = smooth(params.velocity, state.command, command)
+    swing = (1.0 - gait.duty_factors(pattern)) * pattern.stride_duration
+    stepping = step(swing.min() - params.start.shortest_swing, widths.time)
+    smoothed = smooth(params.velocity, state.command, VelocityCommand(*(stepping * speed for speed in command)))
 
     target = torso_target(
         params.torso, pattern, phases, phase, soles_W, plane, robot.r_WB, R_WC, smoothed, geometry.gravity

@@ -58,6 +58,7 @@ class TaskDefinition(_Strict):
     sigma: Annotated[float, Field(gt=0, lt=1)] = 0.2
     stages: Annotated[tuple[StageDefinition, ...], Field(min_length=1, max_length=100)]
     perturbations: dict[str, Any] = {}
+    search_perturbations: dict[str, Any] = {}  # laws that are harder while searching than those that judge the result
 
     @model_validator(mode="after")
     def _stages_apart(self) -> Self:

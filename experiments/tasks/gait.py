@@ -11,6 +11,8 @@ from controller_jax.geometry import geometry_from_numbers
 from controller_jax.joint_torques import joint_torques, weight_torque
 from controller_jax.leg_kinematics import inverse_kinematics, leg_kinematics
 from controller_jax.locomotion import GaitParams, LocomotionState
+from controller_jax.rotations import control_frame, mv
+from controller_jax.torso_motion import along_slope
 from controller_jax.types import JointTargets, LegGeometry, RobotState
 from controller_jax.velocity_command import VelocityCommand
 from experiments.errors import UserError
@@ -98,19 +100,19 @@ class GaitTask:
     def start(
         self, plant: Plant, params: PlantParams, settings: GaitSettings, values: Array, trial: Trial
     ) -> tuple[PlantState, LocomotionState]:
-        """Torso along the slope, feet under the hips along gravity: where the telescopic strut puts them."""
+        """Torso turned as the gait wants it on the slope, feet under the hips along gravity: the telescopic strut."""
         geometry, terrain = settings.geometry, params.bodies.terrain
         level = leg_kinematics(geometry, jnp.asarray(plant.bodies.stance[7:])).r_BF_B - geometry.r_BH_B
-        length, normal = -level[:, 2].mean(), terrain.normal
-        half = jnp.stack([1.0 + normal[2], -normal[1], normal[0], jnp.zeros(())])  # turns world z onto the normal
-        quaternion = half / jnp.sqrt((half * half).sum())
-        R_WB = rotation_matrix(quaternion)
-        up_B = R_WB[2]
-        joints = inverse_kinematics(
-            geometry, geometry.r_BH_B + level.at[:, 2].set(0.0) - length * jnp.broadcast_to(up_B, (4, 3))
-        )
-        height = geometry.foot_radius + length * normal[2] - geometry.r_BH_B[:, 2].mean()
-        q = jnp.concatenate([(terrain.offset + height) * normal, quaternion, joints])
+        normal, up = terrain.normal, jnp.array([0.0, 0.0, 1.0], jnp.float32)
+        turned = self.parameters(settings, values).torso.slope_share
+        R_WB = along_slope(turned, control_frame(jnp.eye(3, dtype=jnp.float32), normal))
+        up_B, r_BH_W = R_WB[2], mv(R_WB[None], geometry.r_BH_B)
+        uphill = -(r_BH_W[:, :2] * normal[None, :2]).sum(-1) / normal[2]  # rise of the ground from torso to hip
+        height = -level[:, 2].mean() - geometry.r_BH_B[:, 2].mean()  # of the torso's origin above the feet's plane
+        drop = height + r_BH_W[:, 2] - uphill
+        joints = inverse_kinematics(geometry, geometry.r_BH_B + level.at[:, 2].set(0.0) - drop[:, None] * up_B[None])
+        r_WB = terrain.offset * normal + (height + geometry.foot_radius / normal[2]) * up
+        q = jnp.concatenate([r_WB, quaternion(R_WB), joints])
         robot = RobotState(q[:3], R_WB, jnp.zeros(3), jnp.zeros(3), joints, jnp.zeros(12), jnp.ones(4))
         legs = leg_kinematics(geometry, joints)
         share = 0.25 * geometry.gravity * params.bodies.mass.sum()
@@ -179,8 +181,9 @@ class GaitTask:
         shortfall = jnp.maximum(settings.flight - aloft, 0.0) / jnp.maximum(settings.flight, 1e-3)
         fell = jnp.maximum(tally.fallen, failed)
         terms = {
-            # graded: the later a robot falls, the better; what it did not live to do cannot count in its favour
-            "fall": w["fall"] * (1.0 - tally.upright / duration) * fell,
+            # graded: the later a robot falls, the better; but half is for falling at all, or one fall among many
+            # trials would weigh less than a little speed
+            "fall": w["fall"] * (1.0 - 0.5 * tally.upright / duration) * fell,
             "flight": w["flight"] * shortfall,
             "schedule": w["schedule"] * tally.schedule / judged,
             "speed": w["speed"] * jnp.abs(speed[0] - command.heading),
@@ -225,6 +228,13 @@ METRIC_UNITS = {
 }
 
 
+def quaternion(R: Array) -> Array:
+    """Unit quaternion (4,), scalar first, of a rotation (3, 3) by less than half a turn."""
+    w = 0.5 * jnp.sqrt(jnp.maximum(1.0 + R[0, 0] + R[1, 1] + R[2, 2], 1e-12))
+    axis = jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return jnp.concatenate([w[None], axis / (4.0 * w)])
+
+
 def as_float(condition: Array) -> Array:
     """1.0 where true."""
     return condition.astype(jnp.float32)
@@ -244,7 +254,7 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
         raise UserError(
             f"Task {task}: its settings are {', '.join(sorted(known))}; correct the key '{shown(min(wrong))}'."
         )
-    controller = controller_from_settings(definition.settings["controller"], geometry.torque_limits, task)
+    controller = controller_from_settings(definition.settings["controller"], numbers, task)
     command = definition.settings["command"]
     if set(command) != set(VelocityCommand._fields):
         raise UserError(f"Task {task}: settings.command needs {', '.join(VelocityCommand._fields)}.")

@@ -1,6 +1,7 @@
 """Names of the gait controller's numbers: which of them a task may search, and how a file gives all of them.
 
-What all gaits share stands in gait_controller.json; a task file gives what differs.
+What all gaits share stands in gait_controller.json, with its sources; a task file gives what differs; what follows
+from the robot is taken from the robot.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,6 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from controller_jax.geometry import JOINTS, geometry_from_numbers
+from controller_jax.leg_kinematics import leg_mass
 from controller_jax.locomotion import GaitParams
 from experiments.errors import UserError
 from experiments.files import read_json, shown
@@ -21,8 +24,8 @@ MAX_BYTES = 1_000_000
 VECTORS: Final[Mapping[str, int]] = MappingProxyType(
     dict.fromkeys((f"gains.{kind}_{gain}" for kind in ("force", "torque") for gain in "pid"), 3)
     | dict.fromkeys(("torso.once_per_cycle", "torso.twice_per_cycle", "torso.speed_lead"), 2)
-    | dict.fromkeys(("foothold.heading_offset", "foothold.lateral_offset"), 2)
-    | {"distribution.wrench_weight": 6, "swing.position_lead": 3, "gains.inertia": 3, "torso.slope_share": 2}
+    | dict.fromkeys(("foothold.feedback", "foothold.heading_offset", "foothold.lateral_offset"), 2)
+    | {"distribution.wrench_weight": 6, "gains.inertia": 3, "torso.slope_share": 2}
 )
 
 Array = jax.Array
@@ -50,7 +53,9 @@ PARAMETERS: Final[Mapping[str, tuple[tuple[str | int, ...], ...]]] = MappingProx
         "heading_lead": (("torso", "speed_lead", 0),),
         "swing_apex": (("swing", "apex_height"),),
         "landing_height": (("swing", "landing_height"),),
-        "balance_feedback": (("foothold", "feedback"),),
+        "balance_feedback": (("foothold", "feedback", 0), ("foothold", "feedback", 1)),
+        "heading_feedback": (("foothold", "feedback", 0),),
+        "lateral_feedback": (("foothold", "feedback", 1),),
         "speed_feed_forward": (("foothold", "feed_forward"),),
         "fore_heading_offset": (("foothold", "heading_offset", 0),),
         "hind_heading_offset": (("foothold", "heading_offset", 1),),
@@ -91,15 +96,33 @@ def check_names(names: Sequence[str], task: str) -> None:
             raise UserError(f"Task {task}: no parameter '{shown(name)}'; choose among {', '.join(PARAMETERS)}.")
 
 
-def controller_from_settings(numbers: Mapping[str, Any], torque_limits: Array, task: str) -> GaitParams:
+def controller_from_settings(numbers: Mapping[str, Any], robot: Mapping[str, Any], task: str) -> GaitParams:
     """The controller of a task file: nested objects named as the fields of GaitParams, vectors as lists.
 
-    Numbers that the file does not give are those of gait_controller.json; the torque limits are the robot's. Raises
-    UserError for a missing, unknown or misformed number.
+    Numbers that the file does not give are those of gait_controller.json; `robot_numbers` gives those of the robot
+    (its file as a dictionary). Raises UserError for a missing, unknown or misformed number.
     """
     with resources.as_file(resources.files("experiments") / "gait_controller.json") as path:
         shared = read_json(path, MAX_BYTES)
-    return _read(GaitParams, _merged(shared, numbers), {"distribution.torque_limits": torque_limits}, "", task)
+    shared = {name: value for name, value in shared.items() if name not in ("about", "sources")}
+    return _read(GaitParams, _merged(shared, numbers), robot_numbers(robot), "", task)
+
+
+def robot_numbers(robot: Mapping[str, Any]) -> dict[str, Array]:
+    """The controller's numbers that follow from the robot's file, by their places.
+
+    A drive in position mode runs at a (q_d - theta) + b (q_d - q) - c qd: along a ramp it stays behind by
+    (1 + c) / (a + b) seconds, which is what the swing leads by.
+    """
+    geometry = geometry_from_numbers(robot)
+    mode = [robot["loops"]["position_mode"][joint] for joint in JOINTS]
+    return {
+        "distribution.torque_limits": geometry.torque_limits,
+        "gains.mass": geometry.torso_mass + 4.0 * leg_mass(geometry),
+        "torso.girdle_distance": geometry.r_BH_B[0, 0] - geometry.r_BH_B[2, 0],
+        "swing.position_lead": jnp.float32([(1.0 + m["c"]) / (m["a"] + m["b"]) for m in mode]),
+        "swing.joint_speed_limit": jnp.float32(robot["loops"]["gear_speed_limit"]),
+    }
 
 
 def _merged(shared: Any, own: Any) -> Any:

@@ -43,7 +43,7 @@ def oracle(p, case):
         side, end = (1, -1)[leg % 2], leg // 2
         offset = np.array([p["heading_offset"][end], side * p["lateral_offset"][end]])
         step = p["feed_forward"] * wanted * case["stance"][leg]
-        step = step + p["feedback"] * (measured - wanted) * np.sqrt(along_gravity / 9.81)
+        step = step + np.array(p["feedback"]) * (measured - wanted) * np.sqrt(along_gravity / 9.81)
         step = np.clip(offset + step, -p["reach"] * LEG_LENGTH, p["reach"] * LEG_LENGTH)
         step = step + case["remaining"][leg] * np.array([v_hip @ ex, v_hip @ ey])
         result.append(start + step[0] * ex + step[1] * ey)
@@ -67,7 +67,12 @@ def random_case(rng, level=False):
 
 
 PARAMS = dict(
-    lever=0.0, feed_forward=0.5, feedback=1.1, heading_offset=[-0.05, 0.07], lateral_offset=[0.01, 0.03], reach=0.5
+    lever=0.0,
+    feed_forward=0.5,
+    feedback=[1.1, 0.8],
+    heading_offset=[-0.05, 0.07],
+    lateral_offset=[0.01, 0.03],
+    reach=0.5,
 )
 
 

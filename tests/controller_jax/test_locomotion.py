@@ -80,7 +80,7 @@ def params(name, **torso):
         distribution=DistributionSettings(
             (1.0, 1.0, 1.0, 20.0, 20.0, 5.0), 1e-5, 0.7, 2.0, np.asarray(GEOMETRY.torque_limits) * 4.0
         ),
-        foothold=FootholdParams(0.0, 0.5, 1.1, (0.0, 0.0), (0.0, 0.0), 0.5),
+        foothold=FootholdParams(0.0, 0.5, (1.1, 1.1), (0.0, 0.0), (0.0, 0.0), 0.5),
         swing=SwingParams(0.07, 0.0, 0.6, 0.3, 0.8, (0.0, 0.0, 0.0), 10.0),
     )
     return jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), tree, is_leaf=lambda x: type(x) in (tuple, float))
@@ -220,6 +220,15 @@ def test_standing_still_before_the_start():
     # at 0.42 m from axis to foot the lever is 0.127 m (FACTS 1); the shank's own weight takes off 0.2 N m
     np.testing.assert_allclose(np.abs(knee), 0.25 * MASS * GRAVITY * 0.127, atol=0.5)
     np.testing.assert_array_equal(np.sign(knee), [1, 1, -1, -1])
+
+
+def test_the_torso_does_not_leave_before_the_feet():
+    _, info, _ = walk(params("walking_trot"), heading=0.4)
+    first_step = np.argmin(info.planned_stance.min(1))
+    assert 0.2 < first_step * PERIOD < 1.2, "between the stand and the end of the blend"
+    assert np.all(info.command.heading[: first_step - round(0.5 / PERIOD)] == 0.0)
+    assert info.command.heading[first_step] < 0.1
+    assert info.command.heading[-1] == pytest.approx(0.4, abs=1e-3)
 
 
 def test_legs_in_the_air_are_position_controlled_and_bear_no_force():

@@ -1,5 +1,6 @@
 """Gaits as tasks: their files, the closed loop with the robot's own senses, the report, and the found parameters."""
 
+import json
 from importlib import resources
 from pathlib import Path
 
@@ -24,13 +25,16 @@ from experiments.replay import load_motion, replay
 from experiments.reports.gait import last_strides, stride_duration, write_gait_report
 from experiments.reports.gait_figures import over_strides, stretches
 from experiments.tasks.definition import load_task
-from experiments.tasks.gait_parameters import PARAMETERS, controller_from_settings, with_values
+from experiments.tasks.gait_parameters import PARAMETERS, controller_from_settings, robot_numbers, with_values
 from experiments.tasks.registry import GAITS, make_task, metric_units
 from experiments.trial import Trial, noise_table
 from mjx_starleth.mjcf import mjcf
 from mjx_starleth.names import LEGS
+from sea_jax import JointCommand, JointMeasurement, params_from_numbers
+from sea_jax.joint_controllers import wanted_velocity
 
 MODEL = nominal_model()
+ROBOT = MODEL.numbers.model_dump(mode="json")
 FOUND = resources.files("experiments") / "examples"
 CONTACT = 10.0  # N
 SEEDS, CYCLES = 100, 20
@@ -52,7 +56,7 @@ def test_task_searches_18_parameters_from_perfect_torque_to_the_full_model(name:
 
 def test_values_go_where_their_names_say() -> None:
     settings = load_task("bound").settings["controller"]
-    controller = controller_from_settings(settings, jnp.ones((12, 2)), "bound")
+    controller = controller_from_settings(settings, ROBOT, "bound")
     names = ("duty_factor", "hind_heading_offset", "pitch_damping")
     changed = with_values(controller, names, jnp.array([0.6, 0.01, 7.0]))
     assert float(changed.gait.fore_duty) == float(changed.gait.hind_duty) == np.float32(0.6)
@@ -63,27 +67,66 @@ def test_values_go_where_their_names_say() -> None:
 
 
 def test_every_name_has_a_place() -> None:
-    controller = controller_from_settings(load_task("pronk").settings["controller"], jnp.ones((12, 2)), "pronk")
+    controller = controller_from_settings(load_task("pronk").settings["controller"], ROBOT, "pronk")
     for name in PARAMETERS:
         assert isinstance(with_values(controller, (name,), jnp.array([0.5])), GaitParams)
 
 
-@pytest.mark.parametrize("slope", [(0.0, 0.0), (0.3, -0.2)])
-def test_a_gait_starts_with_its_feet_on_the_ground_below_the_hips(slope) -> None:
+def test_every_shared_number_says_where_it_comes_from() -> None:
+    content = json.loads((resources.files("experiments") / "gait_controller.json").read_text())
+    content.pop("about")
+    sources = {name: text for name, text in content.pop("sources").items() if not name.isupper()}
+
+    def leaves(node, path: str):
+        children = node.items() if isinstance(node, dict) else ()
+        return [leaf for key, child in children for leaf in leaves(child, f"{path}{key}.")] or [path]
+
+    numbers = leaves(content, "")
+    for number in numbers:
+        assert sum(number.startswith(f"{place}.") for place in sources) == 1, number
+    for place in sources:
+        assert any(number.startswith(f"{place}.") for number in numbers), place
+
+
+def test_what_follows_from_the_robot_is_the_robots() -> None:
+    found = robot_numbers(ROBOT)
+    model = mujoco.MjModel.from_xml_string(mjcf(MODEL.numbers))
+    hips = [model.body(f"{leg}_HIP").pos[0] for leg in LEGS]
+    assert float(found["gains.mass"]) == pytest.approx(model.body_mass.sum(), rel=1e-6)
+    assert float(found["torso.girdle_distance"]) == pytest.approx(hips[0] - hips[2], rel=1e-6)
+    # a stiff joint whose drive follows a ramp of 1 rad/s, led by `position_lead`, is where the ramp is
+    drive, lead, dt, steps = params_from_numbers(ROBOT), np.tile(found["swing.position_lead"], 4), 1e-3, 1000
+    angle, rate = np.zeros(12, np.float32), np.zeros(12, np.float32)
+    for k in range(steps):
+        command = JointCommand(np.zeros(12, np.float32), np.float32(k * dt + lead), np.ones(12, np.float32))
+        rate = np.asarray(wanted_velocity(drive, command, JointMeasurement(angle, rate, 0 * angle, angle)))
+        angle = angle + np.float32(dt) * rate
+    np.testing.assert_allclose(angle, steps * dt, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    "slope, share", [((0.0, 0.0), (1.0, 1.0)), ((0.3, -0.2), (1.0, 1.0)), ((0.0, 0.3), (0.6, 1.0))]
+)
+def test_a_gait_starts_with_its_feet_on_the_ground_below_the_hips(slope, share) -> None:
     plant, task = make_plant(MODEL, "ideal"), make_task(load_task("walking_trot"), MODEL)
+    torso = task.settings.controller.torso._replace(slope_share=jnp.float32(share))
+    settings = task.settings._replace(controller=task.settings.controller._replace(torso=torso))
     trial = Trial({"slope_x": jnp.float32(slope[0]), "slope_y": jnp.float32(slope[1])}, noise_table(), jnp.int32(0))
     params = trial.apply(plant, plant.params)
-    state, _ = task.start(plant, params, task.settings, jnp.zeros(18), trial)
+    state, _ = task.start(plant, params, settings, jnp.zeros(18), trial)
     q, normal = np.asarray(state.bodies.q, float), np.asarray(params.bodies.terrain.normal, float)
     model = mujoco.MjModel.from_xml_string(mjcf(MODEL.numbers))
     data = mujoco.MjData(model)
     data.qpos[:] = q
     mujoco.mj_kinematics(model, data)
     feet = np.stack([data.site(f"{leg}_foot").xpos for leg in LEGS])
-    hips = q[:3] + np.asarray(task.settings.geometry.r_BH_B) @ Rotation.from_quat(q[[4, 5, 6, 3]]).as_matrix().T
+    R_WB = Rotation.from_quat(q[[4, 5, 6, 3]]).as_matrix()
+    hips = q[:3] + np.asarray(settings.geometry.r_BH_B) @ R_WB.T
     np.testing.assert_allclose(feet @ normal, MODEL.numbers.bodies.foot.radius, atol=1e-5)
     np.testing.assert_allclose((feet - hips)[:, :2], 0.0, atol=2e-3)  # the stance's own feet are 1 mm off
-    np.testing.assert_allclose(normal[:2] / normal[2], np.negative(slope) if slope[0] else 0.0, atol=1e-5)
+    np.testing.assert_allclose(normal[:2] / normal[2], np.negative(slope), atol=1e-5)
+    tilt = share[0] * np.arctan(slope[1]) if slope[0] == 0 else np.arccos(normal[2])
+    assert np.arccos(min(R_WB[2, 2], 1.0)) == pytest.approx(tilt, abs=1e-3)
 
 
 @pytest.mark.parametrize(

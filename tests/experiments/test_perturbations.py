@@ -9,10 +9,19 @@ from scipy.stats import kstest, truncnorm
 from experiments.effects import LIBRARY
 from experiments.errors import UserError
 from experiments.model import FittedValue, PlacedEffect, nominal_model
-from experiments.perturbations import SHIPPED, describe, load_perturbations, parse_perturbations
+from experiments.perturbations import (
+    SHIPPED,
+    describe,
+    load_perturbations,
+    parse_perturbations,
+    perturbations_of_search,
+    perturbations_of_task,
+)
 from experiments.plant import make_plant
 from experiments.sensing import NOISE
+from experiments.tasks.definition import load_task
 from experiments.trial import BIASES, DISTURBANCES, NOISE_ROWS, PERTURBATIONS, Trial, noise_row, noise_table
+from experiments.tune import TuneOptions
 from mjx_starleth.terrain import ground_contact
 
 
@@ -63,6 +72,24 @@ def test_each_number_of_the_plant_is_unchanged_at_nominal_and_changed_elsewhere(
     assert all(np.array_equal(a, b) for a, b in zip(before, applied(p.nominal), strict=True))
     off = p.nominal + 0.1 * (p.high - p.nominal)
     assert any(not np.array_equal(a, b) for a, b in zip(before, applied(off), strict=True))
+
+
+def test_a_search_may_be_harder_than_what_judges_its_result() -> None:
+    model = nominal_model()
+    hard = {"push_y": {"law": "fixed", "value": 77.0}}
+    definition = load_task("bound").model_copy(update={"search_perturbations": hard})
+    own, search = (f(definition, None, model) for f in (perturbations_of_task, perturbations_of_search))
+    options = TuneOptions(definition, model, 0, own, search_law=search)
+    (judging, _), (searching, _) = (draw(jax.random.key(3), 50) for draw in (options.trials, options.search_trials))
+    assert np.abs(judging["push_y"]).max() < 77.0 and np.all(searching["push_y"] == 77.0)
+    assert set(judging) == set(searching)
+    for name in set(judging) - {"push_y"}:
+        np.testing.assert_array_equal(judging[name], searching[name])
+    # what the user asks for counts for both
+    assert perturbations_of_search(definition, "rough", model) == load_perturbations("rough", model)
+    odd = definition.model_copy(update={"search_perturbations": {"torque_bias": {"law": "fixed", "value": 1.0}}})
+    with pytest.raises(UserError, match="correct 'torque_bias'"):
+        perturbations_of_search(odd, None, model)
 
 
 def test_an_effect_that_the_model_lacks_can_be_perturbed() -> None:
