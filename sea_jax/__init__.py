@@ -20,7 +20,7 @@ from sea_jax.parameters import (
     select_joints,
     with_torque_limits,
 )
-from sea_jax.replay import ReplayRows, Trajectory, measured_start, replay, settled_start
+from sea_jax.replay import ReplayRows, Timing, Trajectory, measured_start, replay, settled_start
 from sea_jax.types import (
     DriveHooks,
     DriveOutput,
@@ -46,6 +46,7 @@ __all__ = [
     "LoopPeriods",
     "ReplayRows",
     "Signals",
+    "Timing",
     "Trajectory",
     "cheap_drive",
     "full_drive",

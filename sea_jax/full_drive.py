@@ -1,5 +1,8 @@
 """The whole chain of paper section IV over one control period: nested loops, motor and spring."""
 
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
@@ -22,6 +25,18 @@ def full_drive(
     periods: LoopPeriods = LoopPeriods(),  # noqa: B008
 ) -> tuple[DriveState, DriveOutput]:
     """One control period of drives with current loop and electronics; all arrays (J,)."""
+    return stepped_drive(params, state, inputs, hooks, periods, lambda state: None)[:2]
+
+
+def stepped_drive(
+    params: DriveParams,
+    state: DriveState,
+    inputs: tuple[JointCommand, JointMeasurement, JointMotion],
+    hooks: DriveHooks,
+    periods: LoopPeriods,
+    keep: Callable[[DriveState], Any],
+) -> tuple[DriveState, DriveOutput, Any]:
+    """The same, and what `keep` takes of the state after each step of the current loop: arrays (steps, J)."""
     period = periods.current
     start = begin_period(params, state, inputs, hooks, periods)
     coil = winding(params, period)
@@ -35,7 +50,7 @@ def full_drive(
         current = electronics(coil, voltage, state.motor_velocity, state.current)
         motor = motor_step(params, hooks, signals, current, coulomb, memory)
         state = DriveState(motor.position, motor.velocity, current, state.velocity_integral, integral, motor.memory)
-        return (state, tally.add(motor.spring_torque, current, voltage), wanted_current), None
+        return (state, tally.add(motor.spring_torque, current, voltage), wanted_current), keep(state)
 
     def velocity_period(carry, time):
         state, tally = carry
@@ -44,9 +59,10 @@ def full_drive(
         )
         state = state._replace(velocity_integral=integral)
         times = time + jnp.arange(periods.current_steps, dtype=jnp.float32) * period
-        (state, tally, _), _ = jax.lax.scan(current_period, (state, tally, wanted_current), times)
-        return (state, tally), None
+        (state, tally, _), kept = jax.lax.scan(current_period, (state, tally, wanted_current), times)
+        return (state, tally), kept
 
     times = jnp.arange(periods.velocity_steps, dtype=jnp.float32) * periods.velocity
-    (state, tally), _ = jax.lax.scan(velocity_period, (start.state, Tally.empty(state.current)), times)
-    return finish_period(params, state, start, hooks, periods, period, tally)
+    (state, tally), kept = jax.lax.scan(velocity_period, (start.state, Tally.empty(state.current)), times)
+    kept = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), kept)
+    return *finish_period(params, state, start, hooks, periods, period, tally), kept

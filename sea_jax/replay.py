@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from sea_jax.control_period import signals_at
-from sea_jax.full_drive import full_drive
+from sea_jax.full_drive import stepped_drive
 from sea_jax.motor import spring_on_link
 from sea_jax.parameters import DriveParams, LoopPeriods
 from sea_jax.types import Array, DriveHooks, DriveState, JointCommand, JointMeasurement, JointMotion
@@ -33,6 +33,13 @@ class ReplayRows(NamedTuple):
     command: JointCommand  # held from a row to the next
     measurement: JointMeasurement  # what the joint controllers saw
     motion: JointMotion  # of the links from a row to the next
+
+
+class Timing(NamedTuple):
+    """What no log tells of when things happen within a row, (J,)."""
+
+    loop_phase: Array  # s after the row's time at which its velocity loops run, 0 up to a period of theirs
+    angle_lead: Array  # s by which the semi-implicit step's angle runs ahead; half a step against an exact plant
 
 
 class Trajectory(NamedTuple):
@@ -70,26 +77,57 @@ def replay(
     start: DriveState,
     periods: LoopPeriods = LoopPeriods(),  # noqa: B008
     own_motor_angle: bool = True,
+    timing: Timing | None = None,
 ) -> Trajectory:
     """What the drive's sensors read at each row, without noise; row 0 is `start`.
 
     own_motor_angle: the joint controllers get the replayed motor angle, not rows.measurement.motor_position.
+    timing: without one, the loops run at the rows' times and the angle is that of the semi-implicit step.
     """
+    still = jnp.zeros_like(start.motor_position)
+    timing = Timing(still, still) if timing is None else timing
+    # The drive's clock starts with its velocity loop: links are seen later than the row, sensors read before it.
+    lead = timing.loop_phase + timing.angle_lead
 
     def row(carry, inputs):
-        state, torque = carry
+        state, seen = carry
         command, measurement, motion = inputs
         if own_motor_angle:
-            measurement = measurement._replace(motor_position=state.motor_position)
-        now = Trajectory(state.motor_position, state.motor_velocity, state.current, torque)
-        state, output = full_drive(params, state, (command, measurement, motion), hooks, periods)
-        return (state, output.end_torque), now
+            measurement = measurement._replace(motor_position=seen.motor_position)
+        state, _, steps = stepped_drive(
+            params, state, (command, measurement, _later(motion, lead)), hooks, periods, _sensed
+        )
+        angle, velocity, current = _at_row(steps, timing.loop_phase / periods.current)
+        angle = angle - timing.angle_lead * velocity
+        end = signals_at(state, motion, periods.control, periods.current)
+        end = end._replace(motor_position=angle, motor_velocity=velocity, current=current)
+        torque, _, _ = spring_on_link(params, hooks, end, state.memory)
+        return (state, Trajectory(angle, velocity, current, torque)), seen
 
     first = jax.tree.map(lambda x: x[0], rows.motion)
-    signals = signals_at(start, first, 0.0, periods.current)
-    torque, _, _ = spring_on_link(params, hooks, signals, start.memory)
-    _, trajectory = jax.lax.scan(row, (start, torque), tuple(rows))
+    torque, _, _ = spring_on_link(params, hooks, signals_at(start, first, 0.0, periods.current), start.memory)
+    seen = Trajectory(*_sensed(start), torque)
+    _, trajectory = jax.lax.scan(row, (start, seen), tuple(rows))
     return trajectory
+
+
+def _sensed(state: DriveState) -> tuple[Array, Array, Array]:
+    return state.motor_position, state.motor_velocity, state.current
+
+
+def _later(motion: JointMotion, time: Array) -> JointMotion:
+    """The links' motion from `time` (J,) s after each row on."""
+    turned = motion.acceleration * time
+    position = motion.position + time * (motion.velocity + 0.5 * turned)
+    return motion._replace(position=position, velocity=motion.velocity + turned)
+
+
+def _at_row(steps: tuple[Array, ...], before: Array) -> tuple[Array, ...]:
+    """States (steps, J) `before` (J,) steps ahead of the last one, between steps along straight lines."""
+    count = len(steps[0])
+    age = jnp.arange(count - 1, -1, -1, dtype=steps[0].dtype)[:, None]
+    weight = jnp.maximum(1.0 - jnp.abs(age - before), 0.0)
+    return tuple((weight * x).sum(0) for x in steps)
 
 
 def settled_start(

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from experiments.effects.effect import Effect, Parameter
+from sea_jax import Timing
 
 LONGEST = 8  # control periods that the memory holds: 20 ms at 400 Hz
 
@@ -33,19 +34,27 @@ def _command(p, command, s, memory):
     return late, history[:, :LONGEST].reshape(memory.shape)
 
 
-def _commanded_velocity(p, velocity, s, memory):
-    late = p.lag / s.period  # of the period that still runs on the last one's velocity
-    return (1.0 - late) * velocity + late * memory[:, 0], velocity[:, None]
+def _timing(p, timing, *_):
+    return Timing(timing.loop_phase + p.phase, timing.angle_lead + p.angle_lead)
 
 
-# No missing effect but what nobody knows of a log: where in the control period the velocity loops run.
-LOOP_LAG = Effect(
-    "loop_lag",
-    "the velocity loops get their command late in the control period",
+def _torque(p, torque, s, memory):
+    late = p.torque_lag / s.period  # share of a step of the current loop
+    return torque + late * (memory[:, 0] - torque), torque[:, None]
+
+
+# No missing effect but what nobody knows of a log: when within a row its loops run, and how its plant takes its steps.
+LOOP_TIMING = Effect(
+    "loop_timing",
+    "the velocity loops run later than the rows, and the plant's time steps are not the model's",
     "drive",
     "joint",
-    (Parameter("lag", "s", -5e-4, 5e-4, 1e-4),),
-    {"commanded_velocity": _commanded_velocity},
+    (
+        Parameter("phase", "s", 0.0, 5e-4, 1e-4),
+        Parameter("angle_lead", "s", -1e-4, 1e-4, 5e-5),
+        Parameter("torque_lag", "s", -5e-5, 1e-4, 5e-5),
+    ),
+    {"replay_timing": _timing, "motor_torque": _torque},
     memory=1,
 )
 EFFECTS = (

@@ -21,6 +21,7 @@ HOOKS: Mapping[str, str] = MappingProxyType(
         "measurement": "JointMeasurement -> JointMeasurement, every control period",
         "measured_motion": "JointMotion as logged -> true JointMotion (the inverse of `measurement`), replay only",
         "measured_current": "motor current [A] -> what its sensor shows, every control period, replay only",
+        "replay_timing": "Timing -> Timing, when within a row things happen, once, replay only",
         "commanded_velocity": "gear velocity that the velocity loops get [rad/s], every control period",
         "supply_voltage": "bus voltage [V], every 0.1 ms",
         "motor_torque": "torque at the rotor [N m], every 0.1 ms",

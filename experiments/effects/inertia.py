@@ -34,10 +34,23 @@ def _link_mass(p, bodies, _):
     return bodies._replace(mass=bodies.mass * factor, inertia=bodies.inertia * factor[:, None])
 
 
+def _link_com(p, bodies, _):
+    return bodies._replace(com=bodies.com * jnp.concatenate([jnp.ones(1, jnp.float32), 1.0 + p.relative])[:, None])
+
+
 def _force(p, force, _):
     return force + jnp.stack([p.x, p.y, p.z])
 
 
+# A nominal number that may be a little off, and is never told apart from a link's mass well enough to be accused.
+LINK_COM = Effect(
+    "link_com",
+    "a link's centre of mass is further from or nearer to its joint than nominal",
+    "bodies",
+    "link",
+    (Parameter("relative", "1", -0.9, 2.0, 0.1),),
+    {"body_parameters": _link_com},
+)
 EFFECTS = (
     Effect(
         "payload",
@@ -72,4 +85,5 @@ EFFECTS = (
         ),
         {"torso_force": _force},
     ),
+    LINK_COM,
 )

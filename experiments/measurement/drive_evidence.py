@@ -23,11 +23,12 @@ STUCK = 0.01  # rad/s of the gear below which dry friction may hold the motor
 STUCK_REACH = 5  # rows to both sides over which that speed is taken
 STUCK_LONG = 0.05  # s from which a motor counts as held, not as turning round
 DRIFT = 0.2  # s: in torque mode slower errors of the motor angle are not judged
-FORGOTTEN = 0.05  # s after which the loops have forgotten the current of a held motor
+FORGOTTEN = 0.05  # s after which the loops have forgotten a held motor's current, an impact, an angle left open
+IMPACT = 400.0  # rad/s^2 of a link above which its motion within a row is not known
 
 DRIVE_HOOKS = frozenset(
-    "drive_parameters command measurement measured_motion measured_current commanded_velocity supply_voltage "
-    "motor_torque friction deflection spring".split()
+    "drive_parameters command measurement measured_motion measured_current replay_timing commanded_velocity "
+    "supply_voltage motor_torque friction deflection spring".split()
 )
 
 
@@ -66,7 +67,7 @@ class DriveEvidence:
         Nothing holds the angle there but the velocity loop: it sums up what the loop's steps do to a noisy speed, and
         the current tells all that an effect could.
         """
-        by_torque = 1.0 - self.log.position_mode[: self.rows]
+        by_torque = (1.0 - self.log.position_mode[: self.rows]) * self.used[..., CHANNELS.index("motor_position")]
         size = 2 * round(0.5 * DRIFT / self.period) + 1
         count = uniform_filter1d(by_torque, size, axis=0, mode="constant")
         mean = uniform_filter1d(error * by_torque, size, axis=1, mode="constant") / np.maximum(count, 1e-6)
@@ -105,21 +106,37 @@ def drive_evidence(
 
 
 def _used(log: DriveLog, period: float) -> np.ndarray:
-    """1.0 for the rows that count (T, J, 3): not while the loops settle, and no current of a motor that friction holds.
+    """1.0 for the rows that count (T, J, 3).
 
-    Friction takes any value up to its level there, and the current with it: which one, the noise of long ago decides.
+    Not while the loops settle; not when a row cannot tell the link's motion, nor when position mode takes over the
+    angle that torque mode left open; and no current of a motor that friction holds.
     """
     used = np.ones((*log.motor_position.shape, len(CHANNELS)), np.float32)
     used[: round(SETTLE / period)] = 0.0
+    hit = np.abs(np.diff(log.joint_velocity, axis=0, append=log.joint_velocity[-1:])) > IMPACT * period
+    entered = np.diff(log.position_mode, axis=0, prepend=log.position_mode[:1]) > 0.5
+    used *= ~_with_later(hit | entered, period)[..., None]
+    used[..., CHANNELS.index("motor_current")] *= ~_with_later(_held(log, period), period)
+    return used
+
+
+def _held(log: DriveLog, period: float) -> np.ndarray:
+    """Rows (T, J) of a motor at rest for long.
+
+    Friction takes any value up to its level there, and the current with it: which one, the noise of long ago decides.
+    """
     index = np.arange(len(log.motor_position))
     before, after = np.maximum(index - STUCK_REACH, 0), np.minimum(index + STUCK_REACH, index[-1])
     moved = log.motor_position[after] - log.motor_position[before]
     speed = np.abs(moved) / (period * (after - before))[:, None]
-    long, after = 2 * round(0.5 * STUCK_LONG / period) + 1, round(FORGOTTEN / period)
-    held = maximum_filter1d(minimum_filter1d(speed < STUCK, long, axis=0), long, axis=0)
-    held = maximum_filter1d(held, 2 * after + 1, axis=0, origin=after)  # only later rows
-    used[..., CHANNELS.index("motor_current")] *= ~held
-    return used
+    long = 2 * round(0.5 * STUCK_LONG / period) + 1
+    return maximum_filter1d(minimum_filter1d(speed < STUCK, long, axis=0), long, axis=0)
+
+
+def _with_later(rows: np.ndarray, period: float) -> np.ndarray:
+    """These rows (T, J) and those after them until the loops have forgotten."""
+    reach = round(FORGOTTEN / period)
+    return maximum_filter1d(rows, 2 * reach + 1, axis=0, origin=reach)
 
 
 def predict(

@@ -15,7 +15,7 @@ from experiments.measurement.drive_log import DriveLog
 from sea_jax import DriveParams, JointCommand, JointMeasurement, JointMotion, LoopPeriods
 from sea_jax.hooks import no_signals
 from sea_jax.link_motion import link_motion, smoothed_link_motion
-from sea_jax.replay import ReplayRows, measured_start, replay
+from sea_jax.replay import ReplayRows, Timing, measured_start, replay
 
 Array = jax.Array
 
@@ -51,7 +51,10 @@ class DriveReplay:
         start = measured_start(
             params, log.motor_position[0] + shift, log.motor_velocity[0], log.motor_current[0], memory
         )
-        run = replay(params, hooks._replace(command=()), ReplayRows(command, seen, motion), start, self.periods)
+        still = jnp.zeros_like(start.motor_position)
+        timing = active.apply("replay_timing", numbers, Timing(still, still))
+        rows = ReplayRows(command, seen, motion)
+        run = replay(params, hooks._replace(command=()), rows, start, self.periods, timing=timing)
         shown = JointMeasurement(motion.position, motion.velocity, run.joint_torque, run.motor_position)
         sensors = active.hooks("measurement", numbers)
         shown = _along_rows(sensors, shown, signals, outside["measurement"])

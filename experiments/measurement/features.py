@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from experiments.effects.delay import LOOP_LAG
+from experiments.effects.delay import LOOP_TIMING
 from experiments.effects.effect import Effect
+from experiments.effects.inertia import LINK_COM
 from experiments.measurement.atoms import Atoms
 
 SMALL_STEP = 0.05  # of a strength's start, where the residual is close to linear in it
@@ -38,7 +39,7 @@ class Variant(NamedTuple):
     changes: tuple[int, ...]
 
 
-NUISANCES = frozenset({LOOP_LAG.name})  # fitted beside every hypothesis, never one
+NUISANCES = frozenset({LOOP_TIMING.name, LINK_COM.name})  # fitted beside every hypothesis, never one
 SHARP = frozenset({"backlash", "command_delay", "sensor_delay", "stribeck_friction", "spring_hysteresis"})
 
 

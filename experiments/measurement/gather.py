@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from experiments.effects.bench import GRAVITY_LOAD, elastic_effects
-from experiments.effects.delay import LOOP_LAG
+from experiments.effects.delay import LOOP_TIMING
 from experiments.effects.effect import Effect
 from experiments.errors import UserError
 from experiments.measurement.atoms import Atoms
@@ -50,7 +50,7 @@ def gather(
     if model.numbers is None:
         raise UserError(f"{log.name} is a log of the robot, but the model is a single joint.")
     numbers = model.numbers.model_dump(mode="json")
-    atoms = Atoms((*effects.values(), LOOP_LAG), log.joint_names)
+    atoms = Atoms((*effects.values(), LOOP_TIMING), log.joint_names)
     drive = body = None
     if has_drives(log):
         params, periods = params_from_numbers(numbers), periods_from_numbers(numbers)
@@ -66,7 +66,7 @@ def _elastic_joint(log: Log, model: Model, effects: Mapping[str, Effect], noise:
     """A bench log of a joint on one of the robot's drives."""
     numbers = load_numbers().model_dump(mode="json")
     params = select_joints(params_from_numbers(numbers), [numbers["joints"].index(model.joint.drive)])
-    atoms, table = Atoms((*effects.values(), LOOP_LAG), log.joint_names), drive_log(log)
+    atoms, table = Atoms((*effects.values(), LOOP_TIMING), log.joint_names), drive_log(log)
     drive = drive_evidence(atoms, params, periods_from_numbers(numbers), table, log.sample_period, noise)
     return _evidence(log, model, atoms, drive, load_evidence(atoms, model.joint, table, log.sample_period, noise))
 

@@ -2,19 +2,24 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from experiments.effects.delay import LOOP_LAG
+from experiments.effects.delay import LOOP_TIMING
 from experiments.effects.effect import Effect
+from experiments.effects.inertia import LINK_COM
 from experiments.measurement.refit import Nominal
 from experiments.model import JointNumbers, Model
 from mjx_starleth.numbers import RobotNumbers, load_numbers
 
 WIDE = 0.06  # relative standard deviation of the numbers of a robot that is not quite its data sheet
-LAG = 1.5e-4  # s, standard deviation of when the velocity loops run within their 0.5 ms
+PHASE = 2.5e-4  # s: the velocity loops may run at any time within their 0.5 ms
+HALF_STEP = 5e-5  # s, of the motor: by which the steps of two plants may differ
 
 
 def timing(effects: Sequence[Effect]) -> tuple[Nominal, ...]:
-    """What no log tells and no robot's model can know: the phase of the velocity loops."""
-    return (Nominal(LOOP_LAG.name, "all", "lag", LAG),) if LOOP_LAG in effects else ()
+    """What no log tells and no robot's model can know: when within a row the loops run and the motor is stepped."""
+    if LOOP_TIMING not in effects:
+        return ()
+    deviations = {"phase": PHASE, "angle_lead": HALF_STEP, "torque_lag": HALF_STEP}
+    return tuple(Nominal(LOOP_TIMING.name, "all", name, deviation) for name, deviation in deviations.items())
 
 
 def nominal_freedom(model: Model, effects: Sequence[Effect]) -> tuple[Nominal, ...]:
@@ -29,7 +34,7 @@ def _freedom(model: Model) -> tuple[Nominal, ...]:
         return joint_freedom(model.joint)
     numbers, kinds = model.numbers, ("HAA", "HFE", "KFE")
     payload = Nominal("payload", "torso", "mass", WIDE * numbers.bodies.torso.mass)
-    links = [Nominal("link_mass", kind, "relative", WIDE) for kind in kinds]
+    links = [Nominal(name, kind, "relative", WIDE) for name in ("link_mass", LINK_COM.name) for kind in kinds]
     return (*_drive_freedom(numbers, {kind: kind for kind in kinds}), payload, *links)
 
 
