@@ -25,44 +25,46 @@ def full_drive(
     periods: LoopPeriods = LoopPeriods(),  # noqa: B008
 ) -> tuple[DriveState, DriveOutput]:
     """One control period of drives with current loop and electronics; all arrays (J,)."""
-    return stepped_drive(params, state, inputs, hooks, periods, lambda state: None)[:2]
+    return watched_drive(params, state, inputs, hooks, periods, None, lambda seen, state, time: seen)[:2]
 
 
-def stepped_drive(
+def watched_drive(
     params: DriveParams,
     state: DriveState,
     inputs: tuple[JointCommand, JointMeasurement, JointMotion],
     hooks: DriveHooks,
     periods: LoopPeriods,
-    keep: Callable[[DriveState], Any],
+    seen: Any,
+    watch: Callable[[Any, DriveState, Any], Any],
 ) -> tuple[DriveState, DriveOutput, Any]:
-    """The same, and what `keep` takes of the state after each step of the current loop: arrays (steps, J)."""
+    """The same, and `seen` after `watch(seen, state, time)` of each step of the current loop; time [s] at its end."""
     period = periods.current
     start = begin_period(params, state, inputs, hooks, periods)
     coil = winding(params, period)
     coulomb = coulomb_level(params, start.motion.radial_load)
 
     def current_period(carry, time):
-        state, tally, wanted_current = carry
+        state, tally, seen, wanted_current = carry
         signals = signals_at(state, start.motion, time, period)
         bus, memory = apply_hooks(hooks, "supply_voltage", params.bus_voltage, signals, state.memory)
         voltage, integral = current_loop(params, wanted_current, state.current, state.current_integral, bus, period)
         current = electronics(coil, voltage, state.motor_velocity, state.current)
         motor = motor_step(params, hooks, signals, current, coulomb, memory)
         state = DriveState(motor.position, motor.velocity, current, state.velocity_integral, integral, motor.memory)
-        return (state, tally.add(motor.spring_torque, current, voltage), wanted_current), keep(state)
+        seen = watch(seen, state, time + period)
+        return (state, tally.add(motor.spring_torque, current, voltage), seen, wanted_current), None
 
     def velocity_period(carry, time):
-        state, tally = carry
+        state, tally, seen = carry
         wanted_current, integral = velocity_loop(
             params, start.commanded, state.motor_velocity, state.velocity_integral, periods.velocity
         )
         state = state._replace(velocity_integral=integral)
         times = time + jnp.arange(periods.current_steps, dtype=jnp.float32) * period
-        (state, tally, _), kept = jax.lax.scan(current_period, (state, tally, wanted_current), times)
-        return (state, tally), kept
+        (state, tally, seen, _), _ = jax.lax.scan(current_period, (state, tally, seen, wanted_current), times)
+        return (state, tally, seen), None
 
     times = jnp.arange(periods.velocity_steps, dtype=jnp.float32) * periods.velocity
-    (state, tally), kept = jax.lax.scan(velocity_period, (start.state, Tally.empty(state.current)), times)
-    kept = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), kept)
-    return *finish_period(params, state, start, hooks, periods, period, tally), kept
+    begun = (start.state, Tally.empty(state.current), seen)
+    (state, tally, seen), _ = jax.lax.scan(velocity_period, begun, times)
+    return *finish_period(params, state, start, hooks, periods, period, tally), seen

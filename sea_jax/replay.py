@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from sea_jax.control_period import signals_at
-from sea_jax.full_drive import stepped_drive
+from sea_jax.full_drive import watched_drive
 from sea_jax.motor import spring_on_link
 from sea_jax.parameters import DriveParams, LoopPeriods
 from sea_jax.types import Array, DriveHooks, DriveState, JointCommand, JointMeasurement, JointMotion
@@ -89,15 +89,21 @@ def replay(
     # The drive's clock starts with its velocity loop: links are seen later than the row, sensors read before it.
     lead = timing.loop_phase + timing.angle_lead
 
+    row_ends = periods.velocity_steps * periods.current_steps - timing.loop_phase / periods.current
+
+    def add_if_at_row(sensed, state, time):
+        # between steps along straight lines; whole numbers, so that a step at the row is taken as it is
+        away = jnp.abs(row_ends - jnp.round(time / periods.current))
+        return tuple(x + jnp.maximum(1.0 - away, 0.0) * now for x, now in zip(sensed, _sensed(state), strict=True))
+
     def row(carry, inputs):
         state, seen = carry
         command, measurement, motion = inputs
         if own_motor_angle:
             measurement = measurement._replace(motor_position=seen.motor_position)
-        state, _, steps = stepped_drive(
-            params, state, (command, measurement, _later(motion, lead)), hooks, periods, _sensed
-        )
-        angle, velocity, current = _at_row(steps, timing.loop_phase / periods.current)
+        moved = (command, measurement, _later(motion, lead))
+        state, _, sensed = watched_drive(params, state, moved, hooks, periods, (still, still, still), add_if_at_row)
+        angle, velocity, current = sensed
         angle = angle - timing.angle_lead * velocity
         end = signals_at(state, motion, periods.control, periods.current)
         end = end._replace(motor_position=angle, motor_velocity=velocity, current=current)
@@ -120,14 +126,6 @@ def _later(motion: JointMotion, time: Array) -> JointMotion:
     turned = motion.acceleration * time
     position = motion.position + time * (motion.velocity + 0.5 * turned)
     return motion._replace(position=position, velocity=motion.velocity + turned)
-
-
-def _at_row(steps: tuple[Array, ...], before: Array) -> tuple[Array, ...]:
-    """States (steps, J) `before` (J,) steps ahead of the last one, between steps along straight lines."""
-    count = len(steps[0])
-    age = jnp.arange(count - 1, -1, -1, dtype=steps[0].dtype)[:, None]
-    weight = jnp.maximum(1.0 - jnp.abs(age - before), 0.0)
-    return tuple((weight * x).sum(0) for x in steps)
 
 
 def settled_start(

@@ -83,6 +83,15 @@ class Atoms:
         """(n,) True for the atoms of effects that act on any of these hooks."""
         return np.concatenate([np.full(c.size, bool(hooks & set(c.effect.equations))) for c in self.columns])
 
+    def joints_moved(self, direction: np.ndarray, hooks: frozenset[str]) -> np.ndarray:
+        """(joints,) True where a change of x acts on any of these hooks; effects that have no joint act on all."""
+        moved = np.zeros(len(self.joint_names), bool)
+        for c in self.columns:
+            if hooks & set(c.effect.equations):
+                here = direction[c.start : c.start + c.size] != 0.0
+                moved |= here if c.size == len(moved) else here.any()
+        return moved
+
     def places(self, effect: Effect) -> tuple[str, ...]:
         return places_of(effect.axis, self.joint_names)
 

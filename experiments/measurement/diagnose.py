@@ -31,6 +31,7 @@ from experiments.model import Model
 
 HINTS_TOLD = 2  # in the verdict's words; the answer file and the report hold more
 WELL_EXPLAINED = 0.02  # excess of chi^2 per residual at which the nominal numbers need no second look
+PROMISING = 0.8  # of that excess: with the nominal numbers as they stand, one effect has to explain it all
 
 
 @dataclass(frozen=True)
@@ -78,13 +79,13 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     clock = timing(evidence[0].atoms.effects)
     strict = select(evidence, clock, say, most=0)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
-        return strict if excess(evidence, strict.fit) <= 0 else select(evidence, clock, say, most=1)
+        return strict if excess(evidence, strict.fit) <= 0 else select(evidence, clock, say, 1, begun=strict.ladder[0])
     freedom = (*clock, *nominal_freedom(model, evidence[0].atoms.effects))
     if all(isinstance(log, JointEvidence) for log in evidence):  # where a gain is all of the numbers in one
         numbers = select(evidence, freedom, say, most=0)
         if excess(evidence, numbers.fit) <= WELL_EXPLAINED:
             return numbers
-    strict = select(evidence, clock, say, most=1)
+    strict = select(evidence, clock, say, 1, promising=PROMISING, begun=strict.ladder[0])
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
         return strict
     say("trying again with nominal numbers that may be a little off")

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
@@ -23,8 +22,8 @@ STUCK = 0.01  # rad/s of the gear below which dry friction may hold the motor
 STUCK_REACH = 5  # rows to both sides over which that speed is taken
 STUCK_LONG = 0.05  # s from which a motor counts as held, not as turning round
 DRIFT = 0.2  # s: in torque mode slower errors of the motor angle are not judged
-FORGOTTEN = 0.05  # s after which the loops have forgotten a held motor's current, an impact, an angle left open
-IMPACT = 400.0  # rad/s^2 of a link above which its motion within a row is not known
+FORGOTTEN = 0.1  # s after which the loops have forgotten a held motor's current, an impact, an angle left open
+IMPACT = 800.0  # rad/s^2 of a link above which its motion within a row is not known
 
 DRIVE_HOOKS = frozenset(
     "drive_parameters command measurement measured_motion measured_current replay_timing commanded_velocity "
@@ -92,7 +91,7 @@ def drive_evidence(
     motion = true_motion(padded, period, noise)
     sensors = np.array([noise[channel] for channel in CHANNELS])
     clean = _nominal(replay, params, atoms, padded, motion)
-    used = _used(log, period)
+    used = rows_that_count(log, period)
     rng, spread = np.random.default_rng(0), np.zeros(clean.shape[1:])
     for _ in range(FLOOR_DRAWS):
         noisy = padded._replace(
@@ -105,7 +104,7 @@ def drive_evidence(
     return DriveEvidence(atoms, replay, params, padded, motion, rows, period, measured(log), used, floor)
 
 
-def _used(log: DriveLog, period: float) -> np.ndarray:
+def rows_that_count(log: DriveLog, period: float) -> np.ndarray:
     """1.0 for the rows that count (T, J, 3).
 
     Not while the loops settle; not when a row cannot tell the link's motion, nor when position mode takes over the
@@ -135,8 +134,8 @@ def _held(log: DriveLog, period: float) -> np.ndarray:
 
 def _with_later(rows: np.ndarray, period: float) -> np.ndarray:
     """These rows (T, J) and those after them until the loops have forgotten."""
-    reach = round(FORGOTTEN / period)
-    return maximum_filter1d(rows, 2 * reach + 1, axis=0, origin=reach)
+    reach = 2 * round(0.5 * FORGOTTEN / period)
+    return maximum_filter1d(rows, reach + 1, axis=0, origin=reach // 2)
 
 
 def predict(
@@ -181,4 +180,4 @@ def _noisy(rng: np.random.Generator, table: np.ndarray, std: float) -> np.ndarra
     return (table + std * rng.standard_normal(table.shape)).astype(np.float32)
 
 
-__all__ = ["DRIVE_HOOKS", "DriveEvidence", "drive_evidence", "jnp"]
+__all__ = ["DRIVE_HOOKS", "DriveEvidence", "drive_evidence", "rows_that_count"]

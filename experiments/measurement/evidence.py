@@ -116,15 +116,20 @@ class Evidence:
         """Gram matrices (blocks, c, c) of a few directions (k, n) at a point: directions, shifts, offsets, residual."""
         k, joints, channels = len(directions), len(self.atoms.joint_names), self.offsets
         gram = np.zeros((self.blocks, k + joints + channels + 1, k + joints + channels + 1))
-        moved = [at, *(at._replace(x=at.x + d) for d in directions)]
         if self.drive is not None:
-            r = self.drive_residual([*moved, at._replace(shift=at.shift + SHIFT_STEP)])
+            here = [self.atoms.joints_moved(d, DRIVE_HOOKS) for d in directions]
+            groups = apart(here)
+            merged = [at._replace(x=at.x + directions[group].sum(0)) for group in groups]
+            r = self.drive_residual([at, *merged, at._replace(shift=at.shift + SHIFT_STEP)])
+            of_group = {i: r[1 + g] - r[0] for g, group in enumerate(groups) for i in group}
+            moved = [of_group[i] * here[i][None, :, None] for i in range(k)]
             shift = (r[-1] - r[0]) * (SHIFT_PRIOR / SHIFT_STEP)
             own = np.eye(joints)[:, None, :, None] * shift[None]
-            columns = np.concatenate([r[1:-1] - r[:1], own, r[:1]])
+            columns = np.concatenate([*(m[None] for m in moved), own, r[:1]])
             index = np.r_[0 : k + joints, gram.shape[1] - 1]
             add_products(gram, columns, index, self.block_of_drive())
         if self.body is not None:
+            moved = [at, *(at._replace(x=at.x + d) for d in directions)]
             r = self.body_residual(moved) / np.sqrt(self.body.tau)
             columns = np.concatenate([r[1:] - r[:1], self._offset_columns(), r[:1]])
             index = np.r_[0:k, k + joints : gram.shape[1]]
@@ -199,6 +204,23 @@ def changed(atoms: Atoms, x: np.ndarray, change: Change, place: int | None = Non
             moved = x[here] + values[column.parameter.name]
             x[here] = moved if column.parameter.name == change.strength else values[column.parameter.name]
     return x
+
+
+def apart(joints: list[np.ndarray]) -> list[list[int]]:
+    """Groups of directions that move no joint twice, by the joints (J,) that each moves.
+
+    A drive knows nothing of the others (but through a sagging supply): one replay serves a whole group.
+    """
+    groups: list[list[int]] = []
+    taken: list[np.ndarray] = []
+    for i, mine in enumerate(joints):
+        g = next((g for g, others in enumerate(taken) if not (others & mine).any()), len(groups))
+        if g == len(groups):
+            groups.append([])
+            taken.append(np.zeros_like(mine))
+        groups[g].append(i)
+        taken[g] = taken[g] | mine
+    return groups
 
 
 def add_products(gram: np.ndarray, columns: np.ndarray, index: np.ndarray, block: np.ndarray) -> None:

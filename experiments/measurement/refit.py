@@ -124,7 +124,7 @@ def _solve(
         tried = [problem.moved(v, length * problem.step(v, normal, damping)) for length in STEP_LENGTHS]
         tried.append(v)  # only the log's own nuisances move
         found = [problem.follow(c, v, points, normal) for c in tried]
-        costs = problem.cost(tried, found)
+        costs = np.nan_to_num(problem.cost(tried, found), nan=np.inf)  # a step too far may blow the replay up
         i = int(np.argmin(costs))
         fallen, best = best - costs[i], costs[i]
         v, points = tried[i], found[i]

@@ -78,14 +78,21 @@ def select(
     say: Callable[[str], None],
     most: int = MOST_EFFECTS,
     least: float = NOISE,
+    promising: float = 0.0,
+    begun: Rung | None = None,
 ) -> Selection:
-    """Add effects while held-out blocks say that each is there and chi^2 per residual exceeds 1 by over `least`."""
+    """Add effects while held-out blocks say that each is there and chi^2 per residual exceeds 1 by over `least`.
+
+    None is refitted unless the best linear score takes the share `promising` of what chi^2 has over the noise. `begun`
+    is the ladder's first rung, where it is known from another selection with the same nominal numbers.
+    """
     effects = logs[0].atoms.effects
     changes, variants = changes_of(effects, logs)
     train, test = halves(logs)
-    fit = refit(logs, (), nominal)
-    proof = refit(logs, (), nominal, fit, train, SHORT_FIT)
-    selection = Selection(fit, nominal, Elsewhere(logs, nominal), ladder=[Rung("nominal model", fit, proof)])
+    if begun is None:
+        fit = refit(logs, (), nominal)
+        begun = Rung("nominal model", fit, refit(logs, (), nominal, fit, train, SHORT_FIT))
+    selection = Selection(begun.fit, nominal, Elsewhere(logs, nominal), ladder=[begun])
     while len(selection.fit.effects) < most and _excess(logs, selection.fit) > least:
         say(f"scoring {len(variants)} hypotheses at every place")
         proof = selection.ladder[-1].proof
@@ -93,6 +100,8 @@ def select(
         products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
         ranking = scored_at(logs, products, nominal, changes, variants)
         selection.rankings.append(ranking)
+        if ranking[0].gain < promising * (selection.fit.total - _weight(logs, [np.ones(log.blocks) for log in logs])):
+            break
         finalists = []
         for scored in _finalists(ranking, selection.fit.effects):
             say(f"refitting {scored.effect.name}@{scored.where}")

@@ -26,7 +26,7 @@ command_delay backlash spring_stiffness spring_stiffening spring_damping spring_
 joint_viscous_drag payload link_mass ground_friction ground_compliance ground_slope constant_force
 joint_encoder_offset torque_sensor_gain torque_sensor_offset sensor_delay""".split()
 ON_DRIVES = [name for name in NAMED if set(LIBRARY[name].equations) & DRIVE_HOOKS]
-ON_BODIES = [name for name in NAMED if "body_parameters" in LIBRARY[name].equations]
+ON_BODIES = [name for name in (*NAMED, "link_com") if "body_parameters" in LIBRARY[name].equations]
 
 
 def test_every_effect_of_the_method_is_in_the_library() -> None:

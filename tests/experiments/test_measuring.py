@@ -6,10 +6,19 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
+from experiments.independent_plant.generate import write_batch
+from experiments.independent_plant.runner import Case
+from experiments.independent_plant.sensors import SensorSettings
 from experiments.measurement.compare import compare, whiteness
+from experiments.measurement.drive_evidence import rows_that_count
+from experiments.measurement.drive_log import DriveLog
+from experiments.measurement.gather import gather
 from experiments.measurement.learn import learn, parse_place
 from experiments.measurement.log_reader import read_log
-from experiments.measurement.noise_floor import estimated
+from experiments.measurement.noise_floor import estimated, noise_of
+from experiments.measurement.nominal import timing
+from experiments.measurement.refit import refit
+from experiments.measurement.verdict import misfit
 from experiments.model import FittedValue, PlacedEffect, load_model, nominal_model, save_model
 
 DATA = Path(__file__).parents[1] / "data"
@@ -57,3 +66,29 @@ def test_whiteness_and_noise_are_what_they_say() -> None:
     assert whiteness(np.cumsum(noise[:, 0])) > 20.0
     moving = noise + np.sin(np.linspace(0, 60, 4000))[:, None]
     assert abs(estimated(moving) / 0.3 - 1) < 0.1
+
+
+def test_when_the_loops_run_within_a_row_is_found_on_the_independent_plant(tmp_path) -> None:
+    case = Case("air_torque", seed=8, duration=2.0, sensors=SensorSettings(0.3), velocity_phase=3)
+    write_batch([case], [1], tmp_path)
+    log = read_log(tmp_path / "case_0001.csv.gz")
+    evidence = gather(log, nominal_model(), {}, noise_of(log))
+    timed = refit([evidence], (), timing(evidence.atoms.effects))
+    phase, angle_lead, torque_lag = timed.nominal
+    assert phase == pytest.approx(3e-4, abs=2e-5)
+    assert (angle_lead, torque_lag) == pytest.approx((5e-5, 5e-5), abs=1e-5), "that plant's steps are exact"
+    untimed = refit([evidence], (), ())
+    assert misfit(evidence, timed, 0).drive.max() < 1.2 < 4.0 < misfit(evidence, untimed, 0).drive.max()
+
+
+def test_rows_that_cannot_tell_what_happened_do_not_count() -> None:
+    rows, period = 400, 2.5e-3
+    turning = np.tile(np.linspace(0.0, 2.0, rows, dtype=np.float32)[:, None], (1, 3))
+    log = DriveLog(*(np.zeros_like(turning) for _ in DriveLog._fields))._replace(motor_position=turning)
+    log.joint_velocity[100:, 0] = 3.0  # an impact of the first link
+    log.position_mode[200:, 1] = 1.0  # the second joint goes over to position mode
+    log.motor_position[250:, 2] = log.motor_position[250, 2]  # the third motor comes to rest
+    gaps = {joint: np.flatnonzero(rows_that_count(log, period)[50:, joint].min(1) == 0) + 50 for joint in range(3)}
+    assert [(gap.min(), gap.max()) for gap in gaps.values()] == [(99, 139), (200, 240), (gaps[2].min(), rows - 1)]
+    assert 240 < gaps[2].min() < 260
+    assert rows_that_count(log, period)[300:, 2, :2].all(), "a motor at rest still has an angle and a torque"
