@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from experiments.diagnosis_benchmark.beyond_log import jump
@@ -11,6 +12,7 @@ from experiments.effects.library import LIBRARY
 from experiments.errors import UserError
 from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.library import Effect
+from experiments.independent_plant.numbers import BodyNumbers
 from experiments.independent_plant.runner import Case
 from experiments.measurement.diagnose import Diagnosis, diagnose
 from experiments.measurement.gather import library_for, model_for
@@ -32,6 +34,20 @@ def diagnosed(folder: Path, case: Case) -> Diagnosis:
 def test_a_robot_without_a_hidden_effect_lacks_nothing(tmp_path) -> None:
     found = diagnosed(tmp_path, Case("air", seed=3, duration=DURATION))
     assert found.verdict == "none" and found.answer["effects"] == []
+
+
+def test_a_robot_that_is_ten_percent_off_its_data_sheet_lacks_nothing(tmp_path) -> None:
+    off = {
+        "motor_inertia": (1.1, 0.9, 0.95),
+        "friction_coulomb": (0.9, 1.1, 1.05),
+        "torque_constant": (0.95, 1.1, 0.9),
+        "spring_stiffness": (1.05, 0.93, 1.1),
+    }
+    bodies = BodyNumbers(link_mass=np.array([1.05, 0.9, 1.1]), link_com=np.array([0.95, 1.1, 0.9]))
+    case = Case("air_torque", seed=6, duration=DURATION, off=off, bodies=bodies, velocity_phase=2)
+    found = diagnosed(tmp_path, case)
+    assert found.verdict == "none" and found.answer["effects"] == []
+    assert found.answer["held_out_rms"] < 1.05
 
 
 def test_hidden_friction_is_named_placed_and_measured(tmp_path) -> None:
