@@ -8,18 +8,21 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.body_replay import (
+    DECIMATION,
     BodyLog,
     BodyReplay,
     BodyResidual,
     body_log,
     body_replay,
+    filter_window,
     settled,
     thinned,
 )
-from experiments.measurement.drive_evidence import replay_devices
+from experiments.measurement.drive_evidence import IMPACT, replay_devices
 from experiments.measurement.log import Log
 from mjx_starleth.names import JOINT_NAMES, LEGS
 from mjx_starleth.numbers import RobotNumbers
@@ -125,15 +128,23 @@ def _used(log: BodyLog, raw: np.ndarray, period: float, clamped: bool) -> np.nda
     """Which residuals mean something on which row, (N, 26)."""
     quiet = settled(log.contact, period)
     share = thinned(log.contact, period)
-    n = len(quiet)
+    n, known = len(quiet), ~_hit(log, period)
     if clamped:
-        return np.concatenate([np.zeros((n, 6)), np.ones((n, 12)), np.zeros((n, 8))], 1)
+        return np.concatenate([np.zeros((n, 6)), np.repeat(known, 3, 1), np.zeros((n, 8))], 1)
     on = quiet & (share > 0.5)
-    flying = quiet & (share < 0.5)
+    flying = quiet & (share < 0.5) & known
     normal, slip = thinned(raw[:, -8:-4], period), thinned(raw[:, -4:], period)
     sliding = on & (slip > SLIDING) & (normal > 15.0)
-    torso = np.repeat(quiet.all(1, keepdims=True), 6, 1)
+    torso = np.repeat((quiet & known).all(1, keepdims=True), 6, 1)
     return np.concatenate([torso, np.repeat(flying, 3, 1), on, sliding], 1).astype(float)
+
+
+def _hit(log: BodyLog, period: float) -> np.ndarray:
+    """(N, 4) True where a leg's links hit something within the filter's reach: no row tells how they moved."""
+    window = filter_window(period)
+    turned = np.abs(np.diff(log.u[:, 6:], axis=0, append=log.u[-1:, 6:])).reshape(-1, 4, 3).max(2)
+    near = maximum_filter1d(turned > IMPACT * period, window, axis=0)
+    return near[window // 2 : len(near) - window // 2 : DECIMATION]
 
 
 def roughness(rows: np.ndarray, used: np.ndarray) -> np.ndarray:
