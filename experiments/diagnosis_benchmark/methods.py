@@ -57,7 +57,7 @@ def answers(
 
 def parameters(log: Evidence | JointEvidence, model: Model) -> Answer:
     """Nominal numbers only."""
-    nominal = nominal_freedom(model, log.atoms.effects)
+    nominal = nominal_freedom(model, log.atoms.effects, log.standing)
     fit = refit([log], (), nominal)
     moved = sorted(zip(nominal, fit.nominal, strict=True), key=lambda pair: -abs(pair[1]) / pair[0].deviation)
     named = [n for n, value in moved if abs(value) > MOVED * n.deviation]

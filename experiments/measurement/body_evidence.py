@@ -30,6 +30,7 @@ from mjx_starleth.numbers import RobotNumbers
 BODY_HOOKS = frozenset("body_parameters measurement measured_motion joint_drag torso_force".split())
 FLOOR_DRAWS = 3
 SLIDING = 0.06  # m/s above which a foot counts as sliding; several times the noise of its velocity
+NEAR_STOP = 0.01  # rad from the end of a joint within which it may touch it
 PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
 
 # What the best model of a real robot may still leave in each channel: below this nothing is called missing.
@@ -81,7 +82,7 @@ def body_evidence(atoms: Atoms, numbers: RobotNumbers, log: Log, noise: Mapping[
     replay = body_replay(numbers, atoms.active(), clamped)
     off = atoms.off()[None]
     raw = residual_rows(replay, atoms, rows, off)
-    used = _used(rows, raw[0], period, clamped)
+    used = _used(rows, raw[0], period, clamped, np.asarray(replay.bodies.params.joint_stop))
     clean = thinned(raw[0], period)[:, : len(CHANNELS)]
     rng, draws = np.random.default_rng(0), []
     for _ in range(FLOOR_DRAWS):
@@ -124,11 +125,11 @@ def _channels(r: BodyResidual) -> jax.Array:
     return jnp.concatenate([r.torso, r.joints, r.gap, r.friction_use - 1.0, normal, r.slip_velocity], 1)
 
 
-def _used(log: BodyLog, raw: np.ndarray, period: float, clamped: bool) -> np.ndarray:
-    """Which residuals mean something on which row, (N, 26)."""
+def _used(log: BodyLog, raw: np.ndarray, period: float, clamped: bool, stops: np.ndarray) -> np.ndarray:
+    """Which residuals mean something on which row, (N, 26); stops (12, 2): the joints' ends, rad."""
     quiet = settled(log.contact, period)
     share = thinned(log.contact, period)
-    n, known = len(quiet), ~_hit(log, period)
+    n, known = len(quiet), ~knocked(log, period, stops)
     if clamped:
         return np.concatenate([np.zeros((n, 6)), np.repeat(known, 3, 1), np.zeros((n, 8))], 1)
     on = quiet & (share > 0.5)
@@ -139,11 +140,14 @@ def _used(log: BodyLog, raw: np.ndarray, period: float, clamped: bool) -> np.nda
     return np.concatenate([torso, np.repeat(flying, 3, 1), on, sliding], 1).astype(float)
 
 
-def _hit(log: BodyLog, period: float) -> np.ndarray:
-    """(N, 4) True where a leg's links hit something within the filter's reach: no row tells how they moved."""
+def knocked(log: BodyLog, period: float, stops: np.ndarray) -> np.ndarray:
+    """(N, 4) True where, within the filter's reach, a leg is at an end of its joints, which pushes as nobody knows, or
+    hits something so hard that no row tells how it moved."""
     window = filter_window(period)
-    turned = np.abs(np.diff(log.u[:, 6:], axis=0, append=log.u[-1:, 6:])).reshape(-1, 4, 3).max(2)
-    near = maximum_filter1d(turned > IMPACT * period, window, axis=0)
+    q, turned = log.q[:, 7:], np.abs(np.diff(log.u[:, 6:], axis=0, append=log.u[-1:, 6:]))
+    at_end = (q < stops[:, 0] + NEAR_STOP) | (q > stops[:, 1] - NEAR_STOP)
+    hit = (at_end | (turned > IMPACT * period)).reshape(-1, 4, 3).any(2)
+    near = maximum_filter1d(hit, window, axis=0)
     return near[window // 2 : len(near) - window // 2 : DECIMATION]
 
 

@@ -80,7 +80,8 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     strict = select(evidence, clock, say, most=0)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
         return strict if excess(evidence, strict.fit) <= 0 else select(evidence, clock, say, 1, begun=strict.ladder[0])
-    freedom = (*clock, *nominal_freedom(model, evidence[0].atoms.effects))
+    standing = any(log.standing for log in evidence)
+    freedom = (*clock, *nominal_freedom(model, evidence[0].atoms.effects, standing))
     if all(isinstance(log, JointEvidence) for log in evidence):  # where a gain is all of the numbers in one
         numbers = select(evidence, freedom, say, most=0)
         if excess(evidence, numbers.fit) <= WELL_EXPLAINED:

@@ -47,6 +47,11 @@ class Evidence:
         """Channels C of the bodies."""
         return 0 if self.body is None else len(self.body.channels)
 
+    @property
+    def standing(self) -> bool:
+        """Whether the log shows the robot on the ground."""
+        return isinstance(self.body, BodyEvidence) and not self.body.replay.clamped
+
     def start(self) -> Point:
         """Where every fit begins: the model's own effects, nothing else off."""
         return Point(self.model_x, np.zeros(len(self.atoms.joint_names)), np.zeros(self.offsets))

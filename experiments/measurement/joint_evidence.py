@@ -84,6 +84,7 @@ class JointEvidence:
     seeds: Seeds = field(default_factory=dict)  # none beyond those of its effects
     drive: None = field(default=None)
     body: None = field(default=None)
+    standing: bool = field(default=False)
 
     def start(self) -> Point:
         """Where every fit begins: the model's own effects."""

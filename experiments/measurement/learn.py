@@ -49,7 +49,8 @@ def learn(
     kept = tuple(e for e in model.effects if (e.effect, e.where) not in set(wanted))
     model = model.model_copy(update={"effects": kept})
     used = {e.effect: library[e.effect] for e in kept} | {name: library[name] for name, _ in wanted}
-    freedom = nominal_freedom(model, tuple(library.values())) if nominal else ()
+    standing = any(log.experiment == "ground" for log in logs)
+    freedom = nominal_freedom(model, tuple(library.values()), standing) if nominal else ()
     used |= {n.effect: library[n.effect] for n in freedom}
     evidence = [gather(log, model, used, noise_of(log)) for log in logs]
     clock = timing(evidence[0].atoms.effects)

@@ -22,20 +22,31 @@ def timing(effects: Sequence[Effect]) -> tuple[Nominal, ...]:
     return tuple(Nominal(LOOP_TIMING.name, "all", name, deviation) for name, deviation in deviations.items())
 
 
-def nominal_freedom(model: Model, effects: Sequence[Effect]) -> tuple[Nominal, ...]:
-    """Nominal numbers that may be a little off, as far as these effects can express it."""
+def nominal_freedom(model: Model, effects: Sequence[Effect], standing: bool) -> tuple[Nominal, ...]:
+    """Nominal numbers that may be a little off, as far as these effects can express it.
+
+    standing: the robot stands on its legs, so that their bearings carry loads.
+    """
     known = {effect.name for effect in effects}
-    return tuple(n for n in _freedom(model) if n.effect in known)
+    return tuple(n for n in _freedom(model, standing) if n.effect in known)
 
 
-def _freedom(model: Model) -> tuple[Nominal, ...]:
+def _freedom(model: Model, standing: bool) -> tuple[Nominal, ...]:
     """Nominal numbers that may be off, each robot-wide or by kind of joint, as its numbers are given."""
     if model.joint is not None:
         return joint_freedom(model.joint)
     numbers, kinds = model.numbers, ("HAA", "HFE", "KFE")
     payload = Nominal("payload", "torso", "mass", WIDE * numbers.bodies.torso.mass)
     links = [Nominal(name, kind, "relative", WIDE) for name in ("link_mass", LINK_COM.name) for kind in kinds]
-    return (*_drive_freedom(numbers, {kind: kind for kind in kinds}), payload, *links)
+    bearings = [Nominal("joint_coulomb_drag", kind, "torque", _bearing_friction(numbers)) for kind in kinds if standing]
+    return (*_drive_freedom(numbers, {kind: kind for kind in kinds}), payload, *links, *bearings)
+
+
+def _bearing_friction(numbers: RobotNumbers) -> float:
+    """Friction [N m] of a bearing under a quarter of the robot's weight; the inverse dynamics know no such loads."""
+    bodies = numbers.bodies
+    mass = bodies.torso.mass + 4.0 * (bodies.hip.mass + bodies.thigh.mass + bodies.shank.mass)
+    return numbers.drive.bearing_friction_per_radial_load * 0.25 * mass * numbers.gravity
 
 
 def _drive_freedom(numbers: RobotNumbers, places: Mapping[str, str]) -> Iterator[Nominal]:

@@ -9,6 +9,8 @@ from experiments.effects import LIBRARY
 from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.runner import Case
 from experiments.independent_plant.sensors import SensorSettings
+from experiments.measurement.body_evidence import knocked
+from experiments.measurement.body_replay import DECIMATION, BodyLog, filter_window
 from experiments.measurement.compare import compare, whiteness
 from experiments.measurement.drive_evidence import rows_that_count
 from experiments.measurement.drive_log import DriveLog
@@ -92,3 +94,16 @@ def test_rows_that_cannot_tell_what_happened_do_not_count() -> None:
     assert [(gap.min(), gap.max()) for gap in gaps.values()] == [(99, 139), (200, 240), (gaps[2].min(), rows - 1)]
     assert 240 < gaps[2].min() < 260
     assert rows_that_count(log, period)[300:, 2, :2].all(), "a motor at rest still has an angle and a torque"
+
+
+def test_a_leg_at_an_end_of_its_joints_or_after_an_impact_tells_nothing() -> None:
+    rows, period = 400, 2.5e-3
+    still = BodyLog(*(np.zeros((rows, width), np.float32) for width in (19, 18, 18, 12, 4)))
+    stops = np.tile([-1.0, 1.0], (12, 1))
+    still.q[200, 7 + 4] = 0.995  # a joint of the second leg
+    still.u[300:, 6 + 9] = 3.0  # one of the fourth
+    found = [knocked(still, period, stops)[:, leg] for leg in range(4)]
+    time = (filter_window(period) // 2 + DECIMATION * np.arange(len(found[0]))) * period
+    assert not found[0].any() and not found[2].any()
+    assert time[found[1]] == pytest.approx(time[np.abs(time - 0.5) < 0.051])
+    assert abs(time[found[3]].mean() - 0.75) < 0.01
