@@ -14,7 +14,7 @@ from experiments.measurement.next_experiment import NextExperiment, next_experim
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import nominal_freedom, timing
 from experiments.measurement.refit import Placed
-from experiments.measurement.selection import Selection, select
+from experiments.measurement.selection import LEAST_STEP, Selection, select
 from experiments.measurement.verdict import (
     Misfit,
     Verdict,
@@ -79,7 +79,9 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     clock = timing(evidence[0].atoms.effects)
     strict = select(evidence, clock, say, most=0)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
-        return strict if excess(evidence, strict.fit) <= 0 else select(evidence, clock, say, 1, begun=strict.ladder[0])
+        if excess(evidence, strict.fit) <= 0:
+            return strict
+        return select(evidence, clock, say, 1, promising=LEAST_STEP, begun=strict.ladder[0])
     standing = any(log.standing for log in evidence)
     freedom = (*clock, *nominal_freedom(model, evidence[0].atoms.effects, standing))
     if all(isinstance(log, JointEvidence) for log in evidence):  # where a gain is all of the numbers in one
