@@ -88,7 +88,8 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
         numbers = select(evidence, freedom, say, most=0)
         if excess(evidence, numbers.fit) <= WELL_EXPLAINED:
             return numbers
-    strict = select(evidence, clock, say, 1, promising=PROMISING, begun=strict.ladder[0])
+    promising = PROMISING if len(evidence) == 1 else 0.0  # what explains one of several logs has to be refuted
+    strict = select(evidence, clock, say, 1, promising=promising, begun=strict.ladder[0])
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
         return strict
     say("trying again with nominal numbers that may be a little off")
