@@ -24,7 +24,7 @@ from experiments.measurement.diagnose import diagnose
 from experiments.measurement.intake import read_checked
 from experiments.measurement.learn import learn
 from experiments.model import Model, load_model, nominal_model, save_model
-from experiments.perturbations import parse_perturbations
+from experiments.perturbations import perturbations_of_task
 from experiments.plant import make_plant
 from experiments.run_folder import open_run
 from experiments.tasks.definition import TaskDefinition, load_task
@@ -88,7 +88,7 @@ def _learned(folder: Path, path: Path, say: Callable[[str], None]) -> tuple[Mapp
 
 def _tuned(folder: Path, definition: TaskDefinition, model: Model, seed: int, devices: int) -> tuple[np.ndarray, float]:
     """Parameters of the best jump on a model, and the apex that it reaches there."""
-    perturbations = parse_perturbations(definition.perturbations, f"the perturbations of {TASK}", model, LIBRARY)
+    perturbations = perturbations_of_task(definition, None, model, LIBRARY)
     options = TuneOptions(definition, model, seed, perturbations, devices=devices)
     with open_run(folder, "tune", options.settings()) as run:
         judged = tune(options, run, lambda progress, extra: None, lambda text: None)
