@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.diagnosis_benchmark.beyond_log import jump
+from experiments.diagnosis_benchmark.beyond_log import beyond_log, jump
 from experiments.diagnosis_benchmark.run import run
 from experiments.effects.library import LIBRARY
 from experiments.errors import UserError
+from experiments.files import write_json
 from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.library import Effect
 from experiments.independent_plant.numbers import BodyNumbers
@@ -17,7 +18,7 @@ from experiments.independent_plant.runner import Case
 from experiments.measurement.diagnose import Diagnosis, diagnose
 from experiments.measurement.gather import library_for, model_for
 from experiments.measurement.intake import read_checked
-from experiments.model import nominal_model
+from experiments.model import FittedValue, PlacedEffect, nominal_model, save_model
 from experiments.replay import replay
 from experiments.tasks.definition import load_task
 
@@ -95,3 +96,19 @@ def test_a_jump_on_the_independent_plant_is_that_of_the_model_and_friction_lower
     worn = jump(values, definition, model, (Effect("coulomb_friction", "all", {"level": 0.006}),))
     assert sound.apex_height == pytest.approx(float(score.metrics["apex_height"]), abs=0.03)
     assert worn.apex_height < sound.apex_height - 0.01
+
+
+@pytest.mark.slow
+def test_jumps_of_both_models_are_tuned_and_replayed_on_the_robot_whose_diagnosis_is_kept(tmp_path) -> None:
+    hidden = Effect("coulomb_friction", "all", {"level": 0.006})
+    (tmp_path / "log").mkdir()
+    (tmp_path / "log/case_0001.csv.gz").touch()
+    write_json(tmp_path / "diagnosis.json", {"verdict": "explained", "effects": []})
+    friction = {"torque": FittedValue(value=0.006, unit="N m at the rotor")}
+    learned = PlacedEffect(effect="coulomb_friction", where="all", parameters=friction)
+    save_model(tmp_path / "model.json", nominal_model().with_effect(learned))
+    found = beyond_log(tmp_path, hidden, 4, 0, 1, lambda text: None)
+    assert found["learned"] == ["coulomb_friction@all"] and found["verdict"] == "explained"
+    for model in ("nominal", "learned"):
+        assert 0.2 < found[model]["on_robot"] < 1.0 and not found[model]["fallen"]
+    assert found["lost"] == pytest.approx(found["nominal"]["promised"] - found["nominal"]["on_robot"], abs=1e-3)
