@@ -32,6 +32,7 @@ BATCH = 500
 JUMPS = 3  # recorded one after the other, equally long
 UPRIGHT = 0.95  # cosine of the tilt
 CALLED_SOLVED = 0.95  # share of the problems called solved that are within 1 %; 0.98 measured
+PUSHED_SHARE = 0.94  # the same of jumps that are pushed over; 0.952 measured
 WARM_SHARE = 0.99  # a change of contact or of many limits at once takes a tick or two more
 LIMITS = np.asarray(GEOMETRY.torque_limits, float).reshape(4, 3, 2)
 
@@ -173,10 +174,11 @@ def test_recorded_problems_of_a_robot_on_its_feet():
     first = np.arange(len(upright)) < len(upright) // JUMPS
     part = lambda chosen, force: (*jax.tree.map(lambda x: np.asarray(x)[chosen], (legs, wrench)), force[chosen])  # noqa: E731
     undisturbed = excess_cost(weights, *part(first, warm), "recorded problems of an undisturbed jump, in the loop")
-    excess_cost(weights, *part(upright & ~first, warm), "recorded problems of pushed jumps, in the loop")
+    pushed = excess_cost(weights, *part(upright & ~first, warm), "recorded problems of pushed jumps, in the loop")
     excess = excess_cost(weights, *part(upright, alone), "recorded problems of all jumps, cold start")
     assert len(excess) >= 1000 and excess.max() < COST_TOLERANCE
     assert (undisturbed < COST_TOLERANCE).mean() > WARM_SHARE
+    assert (pushed < COST_TOLERANCE).mean() > PUSHED_SHARE
 
 
 def test_residuals_tell_solved_from_unsolved(problems):
