@@ -20,6 +20,7 @@ Interval = tuple[Real, Real]
 
 # No robot of this kind has a file near this size; it bounds the memory a damaged or hostile one can ask for.
 MAX_FILE_BYTES = 1_000_000
+MOST_PERIODS = 1000  # of an inner loop in one of the next outer; every one is simulated
 
 
 class _Numbers(BaseModel):
@@ -178,8 +179,9 @@ class LoopNumbers(_Numbers):
     def _nested_periods(self) -> Self:
         for inner, outer in (("current", "velocity"), ("velocity", "control")):
             ratio = getattr(self, f"{outer}_period") / getattr(self, f"{inner}_period")
-            if ratio < 1 - 1e-6 or abs(ratio - round(ratio)) > 1e-6:
-                raise ValueError(f"{outer}_period must be a whole number of {inner}_period, not {ratio:g} of them")
+            if not 1 - 1e-6 < ratio <= MOST_PERIODS or abs(ratio - round(ratio)) > 1e-6:
+                most = f"of {inner}_period, at most {MOST_PERIODS}"
+                raise ValueError(f"{outer}_period must be a whole number {most}, not {ratio:g} of them")
         return self
 
 

@@ -57,6 +57,8 @@ def test_the_dump_is_the_file():
         ("joint_limits_LF.HAA", [0.5, -0.4], "lower bound"),
         ("legs", ["RF", "LF", "LH", "RH"], "legs"),
         ("loops.velocity_period", 0.6e-3, "whole number"),
+        ("loops.current_period", 1e-320, "at most 1000"),
+        ("loops.current_period", 1e-9, "at most 1000"),
         ("contact.restitution", 1.5, "restitution"),
         ("unheard_of", 1.0, "unheard_of"),
     ],
