@@ -150,7 +150,7 @@ def test_shares_put_together_are_everything(monkeypatch, count, processes, chunk
 @pytest.mark.slow
 def test_a_jump_searched_by_two_processes_is_that_of_one(tmp_path, environment):
     """The command itself, with the robot."""
-    tune = [sys.executable, "-m", "experiments.cli.main", "tune", "squat_jump", "--generations", "3"]
+    tune = [sys.executable, "-m", "experiments.cli.main", "tune", "squat_jump", "--generations", "4"]
     tune += ["--population", "5", "--devices", "1", "--output"]
     assert together([[*tune, str(tmp_path / "one")]], environment)[0][0] == 0
     by_hand = ["--coordinator", free_address(), "--processes", "2", "--process"]

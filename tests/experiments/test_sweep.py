@@ -328,7 +328,7 @@ def test_bad_input_on_the_command_line_is_one_sentence(tmp_path, monkeypatch, wo
 def test_a_sweep_of_real_jumps(tmp_path):
     """Two seeds of a short squat jump by the command line, one of them killed on the way."""
     assert TUNE[1:] == ("-m", "experiments.sweep.member", "tune")
-    command = [sys.executable, "-m", "experiments.cli.main", "sweep", "--task", "squat_jump", "--generations", "3"]
+    command = [sys.executable, "-m", "experiments.cli.main", "sweep", "--task", "squat_jump", "--generations", "4"]
     command += ["--population", "4", "--seeds", "0-1", "--workers", "2", "--output", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
