@@ -31,7 +31,7 @@ from experiments.model import Model
 
 HINTS_TOLD = 2  # in the verdict's words; the answer file and the report hold more
 WELL_EXPLAINED = 0.02  # excess of chi^2 per residual at which the nominal numbers need no second look
-PROMISING = 0.8  # of that excess: with the nominal numbers as they stand, one effect has to explain it all
+PROMISING = 0.5  # of that excess: with the nominal numbers as they stand, one effect has to explain it all
 
 
 @dataclass(frozen=True)
