@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.cli.options import DevicesOption, SeedOption, available_cores, start_jax
+from experiments.cli.options import DevicesOption, SeedOption, available_cores, start_jax, whole_loops
 
 HELP = """What is a learned effect worth in the next jump?
 
@@ -30,6 +30,7 @@ def learned(
         Path, typer.Option("--output", "-o", help="Folder for the log, both runs and the result.")
     ] = Path("runs/bench_learned"),
 ) -> None:
+    whole_loops()
     start_jax(devices)
     from experiments.diagnosis_benchmark.beyond_log import beyond_log
     from experiments.errors import UserError
