@@ -26,9 +26,8 @@ class Iterations(NamedTuple):
 
 
 # Measured: in the loop, warm-started, this is at the optimum at 99.7 % of the ticks of a jump and at 79 % of those of
-# jumps that are pushed over; the rest catch up within a tick or two. Two steps of polish more make that 95 %, at 1 us
-# each; seed 0 of the jump then went higher (0.785 m), but failed in 6 of 128 perturbed trials instead of none. From
-# zero, 20 and 12 reach the optimum of any problem that was tried.
+# jumps that are pushed over; two steps of polish more would make that 95 %, at 1 us each. From zero, 20 and 12 reach
+# the optimum of any problem that was tried.
 ITERATIONS = Iterations(admm=5, polish=2)
 COLD_START = Iterations(admm=20, polish=12)
 

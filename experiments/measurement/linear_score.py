@@ -37,7 +37,14 @@ def score(
     return scored_at(logs, products, nominal, changes, variants)
 
 
-def scored_at(logs, products: Sequence[Products], nominal, changes, variants) -> list[Scored]:
+def scored_at(
+    logs: Sequence[Evidence],
+    products: Sequence[Products],
+    nominal: Sequence[Nominal],
+    changes: Sequence[Change],
+    variants: Sequence[Variant],
+) -> list[Scored]:
+    """The same from products (one for each log) that are known already."""
     atoms = logs[0].atoms
     reduced = [_without_nuisances(p, atoms, nominal, changes) for p in products]
     found = []
@@ -63,7 +70,14 @@ def best_of_each(ranking: Sequence[Scored]) -> list[Scored]:
     return best
 
 
-def following(logs, products: Sequence[Products], fit: Refitted, nominal, changes, scored: Scored) -> np.ndarray:
+def following(
+    logs: Sequence[Evidence],
+    products: Sequence[Products],
+    fit: Refitted,
+    nominal: Sequence[Nominal],
+    changes: Sequence[Change],
+    scored: Scored,
+) -> np.ndarray:
     """Where the nominal numbers want to be once a hypothesis has the value of its score (linear)."""
     if not nominal:
         return fit.nominal
