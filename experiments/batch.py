@@ -76,16 +76,17 @@ def batched(
         chunks = [jax.tree.map(lambda x, a=a: _pad(np.asarray(x)[a : a + chunk], chunk), members) for a in starts]
         ready = programs(shared, chunks[0])
 
-        def turn(n: int) -> list[Any]:
-            """All chunks of one device, one after the other."""
-            place = places[n]
+        waiting = iter(range(len(chunks)))  # whose next is one step of the interpreter: no chunk is taken twice
+
+        def turn(place: jax.Device) -> dict[int, Any]:
+            """Chunk after chunk of those that wait, on one device: a slow core takes fewer of them."""
             here = jax.device_put(shared, place)
-            mine = (jax.device_put(part, place) for part in chunks[n :: len(places)])
-            return [jax.tree.map(np.asarray, ready[place](here, part)) for part in mine]
+            taken = iter(lambda: next(waiting, None), None)
+            return {i: jax.tree.map(np.asarray, ready[place](here, jax.device_put(chunks[i], place))) for i in taken}
 
         with ThreadPoolExecutor(len(places)) as pool:
-            turns = list(pool.map(turn, range(len(places))))
-        parts = [turns[i % len(places)][i // len(places)] for i in range(len(chunks))]
+            done = {i: part for turns in pool.map(turn, places) for i, part in turns.items()}
+        parts = [done[i] for i in range(len(chunks))]
         return jax.tree.map(lambda *pieces: np.concatenate(pieces)[:count], *parts)
 
     return run
