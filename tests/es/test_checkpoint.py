@@ -17,7 +17,7 @@ import pytest
 from es_problems import SETTINGS, TWO_STAGES, distance_squared, same_result, space
 
 import es
-from es import checkpoint
+from es import checkpoint_files
 from es.search import describe
 
 HERE = Path(__file__).parent
@@ -148,7 +148,7 @@ def damage_and_load(stopped: Path, work: Path, seed: int) -> int | None:
         assert all(name in str(refusal) for name in damaged)
         return None
     assert whole, f"nothing was whole, but seed {seed} loaded"
-    expected = checkpoint.read_arrays(stopped / whole[-1] / "state")
+    expected = checkpoint_files.read_arrays(stopped / whole[-1])
     assert loaded.keys() == expected.keys()
     for name, array in expected.items():
         assert loaded[name].dtype == array.dtype and loaded[name].tobytes() == array.tobytes(), name
@@ -225,17 +225,17 @@ def test_a_forged_checkpoint_follows_no_link(folder):
     target.unlink()
     target.symlink_to("/etc/passwd")
     forge(newest, lambda manifest: None)
-    with pytest.raises(checkpoint.Damaged, match="_METADATA is not a plain file"):
-        checkpoint.read_manifest(newest)
+    with pytest.raises(checkpoint_files.Damaged, match="_METADATA is not a plain file"):
+        checkpoint_files.read_manifest(newest)
 
 
 def test_a_forged_checkpoint_that_claims_much_memory_is_not_read(folder, monkeypatch):
     """The claim is in the arrays' own metadata, with sums that are right; the limit is lowered to below this size."""
-    monkeypatch.setattr(checkpoint, "LARGEST_STATE", 100)
+    monkeypatch.setattr(checkpoint_files, "LARGEST_STATE", 100)
     with pytest.raises(es.CheckpointError, match="larger than 100 bytes"):
         run(folder, task="jump")
-    with pytest.raises(checkpoint.Damaged, match="its arrays claim"):
-        checkpoint.read_arrays(folder / "generation_00000008" / "state")
+    with pytest.raises(checkpoint_files.Damaged, match="its arrays claim"):
+        checkpoint_files.read_arrays(folder / "generation_00000008")
 
 
 @pytest.mark.parametrize(
