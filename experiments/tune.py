@@ -50,12 +50,12 @@ class TuneOptions:
     model: Model
     seed: int
     perturbations: Perturbations
-    drive: str | None = None  # replaces the drive of every stage that has the full one
+    drive: str = "full"  # in place of the full one in every stage that has it
     risk: Risk = field(default_factory=lambda: Risk("mean"))
     library: Mapping[str, Effect] = field(default_factory=lambda: LIBRARY)
     devices: int | None = None
     searched: bool = True  # False: the initial guess stands for the result of a search
-    search_law: Perturbations | None = None  # what the search's candidates meet, if not the same
+    search_law: Perturbations | None = None  # what the search's candidates meet; None: the same
     refine: int = 0  # steps of the refinement, which is an own step after the search: no setting of it
 
     def trials(self, key: jax.Array, count: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
@@ -81,13 +81,13 @@ class TuneOptions:
         settings = {
             "task": self.definition.model_dump(mode="json"),
             "model": self.model.hash(),
-            "drive": self.drive or "full",
+            "drive": self.drive,
             "seed": self.seed,
             "risk": str(self.risk),
             "perturbations": self.perturbations.model_dump(mode="json"),
             "versions": versions(),
         }
-        if self.search_law is not None:
+        if self.search_law not in (None, self.perturbations):
             settings["search_perturbations"] = self.search_law.model_dump(mode="json")
         return settings if self.searched else settings | {"searched": False}
 
@@ -117,7 +117,7 @@ class StagedEvaluation:
     def on(self, drive: str, sensing: str | None = None) -> Evaluation:
         """The evaluation on a drive, compiled at its first use. sensing: that of the last stage unless given."""
         o = self.options
-        drive = o.drive if o.drive and drive == "full" else drive
+        drive = o.drive if drive == "full" else drive
         sensing = sensing or o.definition.stages[-1].sensing
         if (drive, sensing) not in self._evaluations:
             seen = make_sensing(sensing, o.model)

@@ -8,6 +8,14 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from experiments.cli.options import EffectsOption, available_cores, finite
+from experiments.cli.search_options import (
+    AlphaOption,
+    DriveOption,
+    PerturbationsOption,
+    PopulationOption,
+    RiskOption,
+    TrialsOption,
+)
 from experiments.cli.signals import terminate_as_interrupt
 from experiments.errors import UserError
 
@@ -39,15 +47,13 @@ def command(
     task: Annotated[list[str] | None, typer.Option(help="A task by name or file; may be repeated.")] = None,
     seeds: Annotated[str, typer.Option(help="Seeds: 0-7 or 1,4,9-12.")] = "0",
     model: Annotated[list[str] | None, typer.Option(help="A model file, or nominal; may be repeated.")] = None,
-    drive: Annotated[str, typer.Option(help="full, cheap or ideal, as for tune.")] = "full",
+    drive: DriveOption = "full",
     generations: Annotated[int | None, typer.Option(min=1, help="Generations of each search.")] = None,
-    population: Annotated[int | None, typer.Option(min=4, help="Candidates per generation.")] = None,
-    perturbations: Annotated[Path | None, typer.Option(help="Perturbation file, as for tune.")] = None,
-    trials: Annotated[int | None, typer.Option(min=1, help="Trials per candidate, as for tune.")] = None,
-    risk: Annotated[str | None, typer.Option(help="mean, worst or cvar, as for tune.")] = None,
-    alpha: Annotated[
-        float | None, typer.Option(min=0, max=0.999, callback=finite, help="The share of cvar, as for tune.")
-    ] = None,
+    population: PopulationOption = None,
+    perturbations: PerturbationsOption = None,
+    trials: TrialsOption = None,
+    risk: RiskOption = None,
+    alpha: AlphaOption = None,
     effects: EffectsOption = None,
     executor: Annotated[str, typer.Option(help="local (processes), submitit (SLURM) or dask.")] = "local",
     workers: Annotated[int | None, typer.Option(min=1, max=10_000, help="Members at a time.")] = None,
@@ -73,8 +79,7 @@ def command(
     else:
         folder = output
         chosen = {"drive": drive, "generations": generations, "population": population, "trials": trials}
-        chosen |= {"risk": risk, "alpha": alpha}
-        chosen["perturbations"] = None if perturbations is None else str(perturbations)
+        chosen |= {"risk": risk, "alpha": alpha, "perturbations": perturbations}
         sweep = _new_sweep(source, task, model, {"seeds": seeds, **chosen})
     if folder is None:
         raise UserError("Where shall the sweep be written? Give a folder with --output.")

@@ -1,7 +1,7 @@
 """`starleth tune`: search a motion in simulation and leave a parameter file for the robot."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -11,11 +11,31 @@ from experiments.cli.options import (
     ModelOption,
     SeedOption,
     available_cores,
-    finite,
     start_jax,
     whole_loops,
 )
+from experiments.cli.search_options import (
+    AlphaOption,
+    CoordinatorOption,
+    DistributedOption,
+    DriveOption,
+    GenerationsOption,
+    PerturbationsOption,
+    PopulationOption,
+    ProcessesOption,
+    ProcessOption,
+    RefineOption,
+    RiskOption,
+    RunFolderOption,
+    TaskArgument,
+    TrialsOption,
+)
 from experiments.cli.signals import terminate_as_interrupt
+from experiments.errors import UserError
+
+if TYPE_CHECKING:  # JAX must not start before its devices are set
+    from experiments.tasks.definition import TaskDefinition
+    from experiments.tune import TuneOptions
 
 HELP = """Search a motion in simulation and leave a parameter file for the robot.
 
@@ -45,65 +65,65 @@ def register(app: typer.Typer) -> None:
 
 
 def command(
-    task: Annotated[
-        str, typer.Argument(help="A task by name (squat_jump, running_trot, …) or your own task file (.json).")
-    ],
+    task: TaskArgument,
     model: ModelOption = None,
-    drive: Annotated[
-        str, typer.Option(help="Drive of the last stages: full, cheap (no current loop) or ideal.")
-    ] = "full",
-    generations: Annotated[int | None, typer.Option(min=0, max=1_000_000, help="Generations of all stages.")] = None,
-    population: Annotated[int | None, typer.Option(min=4, max=1_000_000, help="Candidates per generation.")] = None,
-    trials: Annotated[
-        int | None, typer.Option(min=1, max=10_000, help="Perturbed trials per candidate in the last stage.")
-    ] = None,
-    risk: Annotated[
-        str, typer.Option(help="What counts over them: their mean, the worst, or cvar (the tail).")
-    ] = "mean",
-    alpha: Annotated[
-        float | None,
-        typer.Option(
-            min=0, max=0.999, callback=finite, help="cvar is the mean of the worst share 1 - alpha. Default: 0.75."
-        ),
-    ] = None,
-    refine: Annotated[int, typer.Option(min=0, max=100_000, help="Steps by gradients after the search.")] = 0,
+    drive: DriveOption = "full",
+    generations: GenerationsOption = None,
+    population: PopulationOption = None,
+    trials: TrialsOption = None,
+    risk: RiskOption = None,
+    alpha: AlphaOption = None,
+    refine: RefineOption = 0,
     seed: SeedOption = 0,
     devices: DevicesOption = available_cores(),  # noqa: B008
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder of the run. Default: runs/TASK.")
-    ] = None,
-    perturbations: Annotated[
-        str | None, typer.Option(help="rough, well_kept, or a file, in place of the task's own.")
-    ] = None,
+    output: RunFolderOption = None,
+    perturbations: PerturbationsOption = None,
     effects: EffectsOption = None,
-    distributed: Annotated[
-        bool, typer.Option("--distributed", help="One of several processes of one search, as the cluster says.")
-    ] = False,
-    coordinator: Annotated[str | None, typer.Option(help="The same by hand: host:port of process 0.")] = None,
-    processes: Annotated[int | None, typer.Option(min=1, help="How many processes there are.")] = None,
-    process: Annotated[int | None, typer.Option(min=0, help="Which of them this is.")] = None,
+    distributed: DistributedOption = False,
+    coordinator: CoordinatorOption = None,
+    processes: ProcessesOption = None,
+    process: ProcessOption = None,
 ) -> None:
     terminate_as_interrupt()
     whole_loops()
     start_jax(devices)
-    from experiments.distributed import join, leaving_alone, open_run_together
+    if distributed or any(one is not None for one in (coordinator, processes, process)):
+        from experiments.distributed import join
 
-    if distributed or coordinator is not None or processes is not None or process is not None:
         join(coordinator, processes, process)
-    from experiments.cli.progress import SearchProgress
     from experiments.effects.library import load_effects
-    from experiments.errors import UserError
     from experiments.model import load_model
     from experiments.perturbations import perturbations_of_search, perturbations_of_task
-    from experiments.smooth.rollout import smooth_rollout
+    from experiments.tune import TuneOptions, parse_risk
+
+    library = load_effects(effects or ())
+    definition = _definition(task, drive, generations, population, trials, refine)
+    robot = load_model(model, library)
+    options = TuneOptions(
+        definition,
+        robot,
+        seed,
+        perturbations_of_task(definition, perturbations, robot, library),
+        drive,
+        parse_risk(risk or "mean", alpha, definition),
+        library,
+        devices,
+        searched=generations != 0,
+        search_law=perturbations_of_search(definition, perturbations, robot, library),
+        refine=refine,
+    )
+    _search(options, output or Path("runs") / definition.task)
+
+
+def _definition(
+    task: str, drive: str, generations: int | None, population: int | None, trials: int | None, refine: int
+) -> "TaskDefinition":
+    """The task as the options want it. Raises UserError."""
     from experiments.tasks.definition import load_task
-    from experiments.tasks.registry import make_task
-    from experiments.tune import TuneOptions, parse_risk, tune
     from sea_jax import DRIVES
 
     if drive not in DRIVES:
         raise UserError(f"No drive '{drive}'; choose one of {', '.join(DRIVES)}.")
-    library = load_effects(effects or ())
     definition = load_task(task)
     if generations == 0 and not refine:
         raise UserError("--generations 0 searches nothing; give it --refine too, or generations.")
@@ -111,28 +131,22 @@ def command(
         definition = definition.with_generations(generations)
     if population is not None:
         definition = definition.with_population(population)
-    if trials is not None:
-        definition = definition.with_trials(trials)
-    robot = load_model(model, library)
-    chosen = perturbations_of_task(definition, perturbations, robot, library)
-    search_law = perturbations_of_search(definition, perturbations, robot, library)
-    options = TuneOptions(
-        definition,
-        robot,
-        seed,
-        chosen,
-        None if drive == "full" else drive,
-        parse_risk(risk, alpha, definition),
-        library,
-        devices,
-        generations != 0,
-        None if search_law == chosen else search_law,
-        refine,
-    )
-    make_task(definition, robot)  # what does not fit together is refused before there is a folder
+    return definition if trials is None else definition.with_trials(trials)
+
+
+def _search(options: "TuneOptions", folder: Path) -> None:
+    """Search in the folder, or go on with what it holds."""
+    from experiments.cli.progress import SearchProgress
+    from experiments.distributed import leaving_alone, open_run_together
+    from experiments.smooth.rollout import smooth_rollout
+    from experiments.tasks.registry import make_task
+    from experiments.tune import tune
+
+    definition, refine = options.definition, options.refine
+    # what does not fit together is refused before there is a folder
+    make_task(definition, options.model)
     if refine:
-        smooth_rollout(robot, definition, library)
-    folder = output or Path("runs") / definition.task
+        smooth_rollout(options.model, definition, options.library)
     with (
         leaving_alone(),
         open_run_together(folder, "tune", options.settings()) as run,
