@@ -1,19 +1,19 @@
 """The drive without its current loop: I = clip(I*, +-I_max, (+-V_bus - K_e w) / R).
 
-The current loop is ten times faster than anything mechanical. The motor steps with the velocity loop instead:
-five times fewer steps.
+The motor steps with the velocity loop: five times fewer steps.
 """
 
 import jax
 import jax.numpy as jnp
 
 from sea_jax.control_period import Tally, begin_period, finish_period, signals_at
+from sea_jax.electronics import back_emf
 from sea_jax.friction import coulomb_level
 from sea_jax.hooks import apply_hooks
+from sea_jax.laws import LAWS, DriveLaws
 from sea_jax.motor import motor_step
 from sea_jax.parameters import DriveParams, LoopPeriods
 from sea_jax.types import DriveHooks, DriveOutput, DriveState, JointCommand, JointMeasurement, JointMotion
-from sea_jax.velocity_loop import velocity_loop
 
 
 def cheap_drive(
@@ -22,27 +22,26 @@ def cheap_drive(
     inputs: tuple[JointCommand, JointMeasurement, JointMotion],
     hooks: DriveHooks = DriveHooks(),  # noqa: B008
     periods: LoopPeriods = LoopPeriods(),  # noqa: B008
+    laws: DriveLaws = LAWS,
 ) -> tuple[DriveState, DriveOutput]:
     """One control period of drives whose current follows at once; all arrays (J,)."""
     period = periods.velocity
-    start = begin_period(params, state, inputs, hooks, periods)
+    start = begin_period(params, state, inputs, hooks, periods, laws)
     coulomb = coulomb_level(params, start.motion.radial_load)
 
     def velocity_period(carry, time):
         state, tally = carry
         signals = signals_at(state, start.motion, time, period)
         bus, memory = apply_hooks(hooks, "supply_voltage", params.bus_voltage, signals, state.memory)
-        wanted_current, integral = velocity_loop(
+        wanted_current, integral = laws.velocity_loop(
             params, start.commanded, state.motor_velocity, state.velocity_integral, period
         )
-        back_emf = params.back_emf_constant * params.gear_ratio * state.motor_velocity
-        conductance = 1.0 / params.resistance
-        current = jnp.clip(wanted_current, (-bus - back_emf) * conductance, (bus - back_emf) * conductance)
-        voltage = params.resistance * current + back_emf
-        motor = motor_step(params, hooks, signals, current, coulomb, memory)
+        current = laws.current_at_once(params, wanted_current, state.motor_velocity, bus)
+        voltage = params.resistance * current + back_emf(params, state.motor_velocity)
+        motor = motor_step(params, hooks, signals, current, coulomb, memory, laws)
         state = DriveState(motor.position, motor.velocity, current, integral, params.resistance * current, motor.memory)
         return (state, tally.add(motor.spring_torque, current, voltage)), None
 
     times = jnp.arange(periods.velocity_steps, dtype=jnp.float32) * period
     (state, tally), _ = jax.lax.scan(velocity_period, (start.state, Tally.empty(state.current)), times)
-    return finish_period(params, state, start, hooks, periods, period, tally)
+    return finish_period(params, state, start, hooks, periods, period, tally, laws)

@@ -5,10 +5,9 @@ from typing import NamedTuple
 import jax.numpy as jnp
 
 from sea_jax.hooks import apply_hooks, no_signals
-from sea_jax.joint_controllers import limited_velocity, wanted_velocity
+from sea_jax.laws import LAWS, DriveLaws
 from sea_jax.motor import spring_on_link
 from sea_jax.parameters import DriveParams, LoopPeriods
-from sea_jax.spring import spring_coefficients
 from sea_jax.types import (
     Array,
     DriveHooks,
@@ -67,14 +66,15 @@ def begin_period(
     inputs: tuple[JointCommand, JointMeasurement, JointMotion],
     hooks: DriveHooks,
     periods: LoopPeriods,
+    laws: DriveLaws = LAWS,
 ) -> PeriodStart:
     """Hooks of command and measurement, joint controllers and their limits."""
     command, measurement, motion = inputs
     signals = signals_at(state, motion, 0.0, periods.control)
     command, memory = apply_hooks(hooks, "command", command, signals, state.memory)
     measurement, memory = apply_hooks(hooks, "measurement", measurement, signals, memory)
-    wanted = wanted_velocity(params, command, measurement)
-    commanded = limited_velocity(params, wanted, measurement.torque)
+    wanted = laws.wanted_velocity(params, command, measurement)
+    commanded = laws.limited_velocity(params, wanted, measurement.torque)
     commanded, memory = apply_hooks(hooks, "commanded_velocity", commanded, signals, memory)
     return PeriodStart(state._replace(memory=memory), motion, wanted, commanded)
 
@@ -87,6 +87,7 @@ def finish_period(
     periods: LoopPeriods,
     step: float,
     tally: Tally,
+    laws: DriveLaws = LAWS,
 ) -> tuple[DriveState, DriveOutput]:
     """Output of a period whose motor moved in steps of `step` seconds.
 
@@ -95,9 +96,9 @@ def finish_period(
     look at their start); the spring's coefficients are those of the two ends of the period.
     """
     signals = signals_at(state, start.motion, periods.control, step)
-    end_torque, signals, _ = spring_on_link(params, hooks, signals, state.memory)
-    before = spring_coefficients(params, start.state.motor_position - start.motion.position)
-    after = spring_coefficients(params, signals.deflection)
+    end_torque, signals, _ = spring_on_link(params, hooks, signals, state.memory, laws)
+    before = laws.spring_coefficients(params, start.state.motor_position - start.motion.position)
+    after = laws.spring_coefficients(params, signals.deflection)
     stiffness, damping = (0.5 * (first + last) for first, last in zip(before, after, strict=True))
     return state, DriveOutput(
         torque=tally.torque * (step / periods.control),

@@ -14,8 +14,8 @@ from sea_jax.types import Array, JointCommand, JointMeasurement
 LEAST_TORQUE = 1e-3
 
 
-def wanted_velocity(params: DriveParams, command: JointCommand, measurement: JointMeasurement) -> Array:
-    """Gear velocity that the joint controllers ask for before limits, (J,) rad/s."""
+def mode_velocities(params: DriveParams, command: JointCommand, measurement: JointMeasurement) -> tuple[Array, Array]:
+    """Gear velocities that torque mode and position mode ask for before limits, (J,) rad/s each."""
     torque_mode = (
         params.torque_gain * (command.torque - measurement.torque) + params.velocity_feedforward * measurement.velocity
     )
@@ -24,6 +24,12 @@ def wanted_velocity(params: DriveParams, command: JointCommand, measurement: Joi
         + params.position_b * (command.position - measurement.position)
         - params.position_c * measurement.velocity
     )
+    return torque_mode, position_mode
+
+
+def wanted_velocity(params: DriveParams, command: JointCommand, measurement: JointMeasurement) -> Array:
+    """Gear velocity that the joint controllers ask for before limits, (J,) rad/s."""
+    torque_mode, position_mode = mode_velocities(params, command, measurement)
     return jnp.where(command.position_mode > 0.5, position_mode, torque_mode)
 
 

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from sea_jax.friction import gear_friction, stick_or_slip
+from sea_jax.friction import gear_friction
 from sea_jax.hooks import apply_hooks
+from sea_jax.laws import LAWS, DriveLaws
 from sea_jax.parameters import DriveParams
 from sea_jax.spring import spring_torque
 from sea_jax.types import Array, DriveHooks, Signals
@@ -25,7 +26,7 @@ class MotorStep(NamedTuple):
 
 
 def spring_on_link(
-    params: DriveParams, hooks: DriveHooks, signals: Signals, memory: dict
+    params: DriveParams, hooks: DriveHooks, signals: Signals, memory: dict, laws: DriveLaws = LAWS
 ) -> tuple[Array, Signals, dict]:
     """Spring torque through the hooks of deflection and spring; signals come back with what was found."""
     deflection = signals.motor_position - signals.joint_position
@@ -33,15 +34,22 @@ def spring_on_link(
     signals = signals._replace(deflection=deflection, deflection_rate=rate)
     deflection, memory = apply_hooks(hooks, "deflection", deflection, signals, memory)
     signals = signals._replace(deflection=deflection)
-    torque, memory = apply_hooks(hooks, "spring", spring_torque(params, deflection, rate), signals, memory)
+    torque = spring_torque(params, deflection, rate, laws.spring_coefficients)
+    torque, memory = apply_hooks(hooks, "spring", torque, signals, memory)
     return torque, signals._replace(spring_torque=torque), memory
 
 
 def motor_step(
-    params: DriveParams, hooks: DriveHooks, signals: Signals, current: Array, coulomb: Array, memory: dict
+    params: DriveParams,
+    hooks: DriveHooks,
+    signals: Signals,
+    current: Array,
+    coulomb: Array,
+    memory: dict,
+    laws: DriveLaws = LAWS,
 ) -> MotorStep:
     """One step of signals.period; signals hold motor and link at its start, `current` (A) acts during it."""
-    spring, signals, memory = spring_on_link(params, hooks, signals._replace(current=current), memory)
+    spring, signals, memory = spring_on_link(params, hooks, signals._replace(current=current), memory, laws)
     motor, memory = apply_hooks(hooks, "motor_torque", params.torque_constant * current, signals, memory)
     friction = gear_friction(params, coulomb, signals.motor_velocity)
     friction, memory = apply_hooks(hooks, "friction", friction, signals, memory)
@@ -50,6 +58,6 @@ def motor_step(
     drive = motor - friction.smooth - spring / params.gear_ratio
     # a hook may take more from the level than there is, and friction must not push
     level = jnp.maximum(friction.coulomb, 0.0)
-    velocity = stick_or_slip(signals.motor_velocity + per_torque * drive, per_torque * level)
+    velocity = laws.stick_or_slip(signals.motor_velocity + per_torque * drive, per_torque * level)
     position = signals.motor_position + signals.period * velocity
     return MotorStep(position, velocity, spring, memory)

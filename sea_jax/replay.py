@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from sea_jax.control_period import signals_at
+from sea_jax.electronics import back_emf
 from sea_jax.full_drive import watched_drive
 from sea_jax.motor import spring_on_link
 from sea_jax.parameters import DriveParams, LoopPeriods
@@ -59,13 +60,12 @@ def measured_start(
     memory: dict[str, tuple] | None = None,
 ) -> DriveState:
     """State at the first row from its sensors, (J,), with the integrators that would keep the current."""
-    back_emf = params.back_emf_constant * params.gear_ratio * motor_velocity
     return DriveState(
         motor_position,
         motor_velocity,
         motor_current,
         velocity_integral=motor_current,
-        current_integral=params.resistance * motor_current + back_emf,
+        current_integral=params.resistance * motor_current + back_emf(params, motor_velocity),
         memory={} if memory is None else dict(memory),
     )
 

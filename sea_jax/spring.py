@@ -4,6 +4,8 @@ Hips have one linear spring. The knee's spring carries torque of one sign only; 
 its stop, which is stiffer and damped more.
 """
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 
 from sea_jax.parameters import DriveParams
@@ -19,9 +21,11 @@ def spring_coefficients(params: DriveParams, deflection: Array) -> tuple[Array, 
     )
 
 
-def spring_torque(params: DriveParams, deflection: Array, rate: Array) -> Array:
+def spring_torque(
+    params: DriveParams, deflection: Array, rate: Array, coefficients: Callable = spring_coefficients
+) -> Array:
     """Torque of the spring on the link, (J,) N m."""
-    stiffness, damping = spring_coefficients(params, deflection)
+    stiffness, damping = coefficients(params, deflection)
     return stiffness * deflection + damping * rate
 
 
