@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from controller_jax.rotations import TINY, cross, dot, mv, skew
-from controller_jax.types import Array
+from controller_jax.joint_torques import weight_torque
+from controller_jax.leg_kinematics import LegKinematics
+from controller_jax.rotations import TINY, cross, dot, mm, mv, skew
+from controller_jax.types import Array, LegGeometry
 
 UNBOUNDED = 1e6  # N, stands for no bound: finite, so that no infinity meets a zero
 RAY_SLACK = 200.0  # N, how far up a ray the interior point is looked for
@@ -33,6 +35,13 @@ class SupportLegs(NamedTuple):
     J_BF_C: Array  # (4, 3, 3) m/rad
     weight_torque: Array  # (4, 3) joint torque that holds the leg's own weight, N m
     load: Array  # (4,) 1 for a support leg, 0 for a leg in the air; between, it shares the load in proportion
+
+
+def support_legs(geometry: LegGeometry, legs: LegKinematics, R_WB: Array, R_WC: Array, load: Array) -> SupportLegs:
+    """The legs in the control frame, under loads (4,)."""
+    R_CB = mm(R_WC.T, R_WB)
+    weight = weight_torque(geometry, legs, R_WB)
+    return SupportLegs(mv(R_CB[None], legs.r_BF_B), mm(R_CB[None], legs.J_BF_B), weight, load)
 
 
 class ForceProblem(NamedTuple):

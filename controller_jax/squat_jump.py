@@ -14,14 +14,14 @@ from controller_jax.force_distribution import (
     ITERATIONS,
     DistributionState,
     Iterations,
-    SupportLegs,
     distribute_forces,
     init_distribution,
 )
+from controller_jax.force_problem import SupportLegs, support_legs
 from controller_jax.joint_torques import joint_torques, weight_torque
 from controller_jax.leg_kinematics import inverse_kinematics, leg_kinematics
 from controller_jax.periodic_splines import Curve, quintic
-from controller_jax.rotations import control_frame, mm, mv
+from controller_jax.rotations import control_frame, mv
 from controller_jax.splines import quintic_spline
 from controller_jax.squat_jump_settings import SquatJumpParams, SquatJumpSettings
 from controller_jax.torso_motion import TorsoTarget
@@ -107,27 +107,17 @@ def step(
     target = _torso_target(state, robot, feet_W, support, height)
     R_WC = control_frame(robot.R_WB, jnp.array([0.0, 0.0, 1.0]))
     gains = _gains(settings, params, state)
-    settled = (state.phase == CROUCH) | ((state.phase == LANDING) & (elapsed > settings.rise_time))
-    settled = settled.astype(jnp.float32)
+    settled = _settled(settings, state, elapsed)
     learning = settings.control_period * settled
     integrals, wrench = virtual_model(
         gains, settings.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, learning
     )
-    R_CB = mm(R_WC.T, robot.R_WB)
-    weight = weight_torque(geometry, legs, robot.R_WB)
-    support_legs = SupportLegs(mv(R_CB[None], legs.r_BF_B), mm(R_CB[None], legs.J_BF_B), weight, support)
-    distribution, forces = distribute_forces(
-        settings.distribution, state.distribution, support_legs, wrench, iterations
-    )
-    torque = joint_torques(forces.force, support_legs.J_BF_C, weight)
-    limits = geometry.torque_limits
-
+    standing = support_legs(geometry, legs, robot.R_WB, R_WC, support)
+    distribution, forces = distribute_forces(settings.distribution, state.distribution, standing, wrench, iterations)
+    torque = joint_torques(forces.force, standing.J_BF_C, standing.weight_torque)
     foot_below_hip = _foot_below_hip(settings, params, state, elapsed)
-    targets = JointTargets(
-        torque=jnp.clip(torque, limits[:, 0], limits[:, 1]),
-        position=inverse_kinematics(geometry, under_hips(geometry, foot_below_hip)),
-        position_mode=jnp.repeat(1.0 - support, 3),
-    )
+    targets = _targets(geometry, torque, foot_below_hip, support)
+
     grounded = 1.0 - flying
     normal = settings.distribution.friction * jnp.maximum(forces.force[:, 2], 1e-3)
     tangential = jnp.sqrt(forces.force[:, 0] ** 2 + forces.force[:, 1] ** 2 + 1e-12)
@@ -142,7 +132,7 @@ def step(
         force=forces.force,
         cone_use=support * tangential / normal,
         foot_below_hip=foot_below_hip,
-        legs=support_legs,
+        legs=standing,
         step_left=forces.step_left,
         pull_left=forces.pull_left,
     )
@@ -234,6 +224,22 @@ def _gains(settings: SquatJumpSettings, params: SquatJumpParams, state: SquatJum
     vertical = jnp.where(state.phase == LAUNCH, params.vertical_damping, before.force_d[2])
     before = before._replace(force_d=jnp.stack([before.force_d[0], before.force_d[1], vertical]))
     return Gains(*(jnp.where(state.phase == LANDING, b, a) for a, b in zip(before, after, strict=True)))
+
+
+def _settled(settings: SquatJumpSettings, state: SquatJumpState, elapsed: Array) -> Array:
+    """1.0 in the crouch, and when the robot stands again."""
+    settled = (state.phase == CROUCH) | ((state.phase == LANDING) & (elapsed > settings.rise_time))
+    return settled.astype(jnp.float32)
+
+
+def _targets(geometry: LegGeometry, torque: Array, foot_below_hip: Array, support: Array) -> JointTargets:
+    """Torques for the legs that stand, within their limits; for the others feet under the hips."""
+    limits = geometry.torque_limits
+    return JointTargets(
+        torque=jnp.clip(torque, limits[:, 0], limits[:, 1]),
+        position=inverse_kinematics(geometry, under_hips(geometry, foot_below_hip)),
+        position_mode=jnp.repeat(1.0 - support, 3),
+    )
 
 
 def _foot_below_hip(

@@ -84,27 +84,31 @@ def gear_velocities(record: Recording, numbers: RobotNumbers, end: float, leg: i
             figure.add_trace(trace.update(legendgroup=name, showlegend=k == 0), **place)
         for side in (-limit, limit):
             figure.add_hline(side, line={"color": RED, "width": 1, "dash": "dash"}, **place)
-        for lane, name in enumerate(SATURATIONS):
-            lane_y = np.where(limited[name][shown, joint], len(SATURATIONS) - 1 - lane, np.nan)
-            trace = line(time, lane_y, f"at the {name} limit", SATURATION_COLOURS[name], width=7)
-            trace.update(hoverinfo="skip", hovertemplate=None, legendgroup=name, showlegend=False)
-            figure.add_trace(trace, row=2, col=column)
+        _saturation_lanes(figure, time, {name: limited[name][shown, joint] for name in SATURATIONS}, column)
         figure.update_yaxes(range=_velocity_range(record, shown, leg, limit), **place)
-        figure.update_yaxes(
-            range=[-0.6, len(SATURATIONS) - 0.4],
-            tickvals=list(range(len(SATURATIONS))),
-            ticktext=list(reversed(SATURATIONS)),
-            showticklabels=k == 0,
-            tickfont={"size": 11},
-            ticks="",
-            row=2,
-            col=column,
-        )
-        figure.update_yaxes(showticklabels=k == 0, **place)
+        figure.update_yaxes(showticklabels=k == 0, col=column)
         figure.update_xaxes(title="time [s]", range=[0, end], row=2, col=column)
     figure.update_yaxes(title="gear velocity [rad/s]", row=1, col=1)
     figure.update_xaxes(ticks="", showticklabels=False, row=1)
     return figure
+
+
+def _saturation_lanes(figure: go.Figure, time: np.ndarray, limited: dict[str, np.ndarray], column: int) -> None:
+    """One bar below the other where a limit of the drive holds the joint back."""
+    for lane, name in enumerate(SATURATIONS):
+        lane_y = np.where(limited[name], len(SATURATIONS) - 1 - lane, np.nan)
+        trace = line(time, lane_y, f"at the {name} limit", SATURATION_COLOURS[name], width=7)
+        trace.update(hoverinfo="skip", hovertemplate=None, legendgroup=name, showlegend=False)
+        figure.add_trace(trace, row=2, col=column)
+    figure.update_yaxes(
+        range=[-0.6, len(SATURATIONS) - 0.4],
+        tickvals=list(range(len(SATURATIONS))),
+        ticktext=list(reversed(SATURATIONS)),
+        tickfont={"size": 11},
+        ticks="",
+        row=2,
+        col=column,
+    )
 
 
 def _velocity_range(record: Recording, shown: np.ndarray, leg: int, limit: float) -> list[float]:
@@ -146,42 +150,42 @@ def contact_forces(
         style = {"legendgroup": leg, "dash": dash}
         figure.add_trace(line(record.time, force_n[:, k], leg, colour, unit="N", **style), row=1, col=1)
         figure.add_trace(line(record.time, use[:, k], leg, colour, showlegend=False, **style), row=2, col=1)
-        figure.add_scatter(
-            x=force_n[loaded[:, k], k].astype(np.float32),
-            y=force_t[loaded[:, k], k].astype(np.float32),
-            mode="markers",
-            marker={"color": colour, "size": 4, "opacity": 0.55},
-            name=leg,
-            legendgroup=leg,
-            showlegend=False,
-            hovertemplate="%{x:.0f} N normal, %{y:.0f} N tangential",
-            row=1,
-            col=2,
-        )
+        here = loaded[:, k]
+        figure.add_trace(_cone_dots(force_n[here, k], force_t[here, k], leg, colour), row=1, col=2)
     most = 1.06 * max(float(force_n.max()), threshold)
-    cone = {"x": [0, most], "y": [0, mu * most]}
-    figure.add_scatter(**cone, mode="lines", line={"color": RED, "dash": "dash", "width": 1.2}, **_QUIET, row=1, col=2)
-    figure.add_scatter(
-        x=[0, most, 0],
-        y=[0, mu * most, mu * most],
-        fill="toself",
-        fillcolor=FORBIDDEN,
-        line_width=0,
-        mode="lines",
-        **_QUIET,
-        row=1,
-        col=2,
-    )
+    _draw_cone(figure, mu, most)
     figure.add_hrect(1, 1.25, fillcolor=FORBIDDEN, line_width=0, layer="below", row=2, col=1)
     figure.add_hline(1, line={"color": RED, "dash": "dash", "width": 1.2}, row=2, col=1)
     shade_phases(figure, phases)
     figure.update_xaxes(title="time [s]", range=[0, float(record.time[-1])], row=2, col=1)
     figure.update_yaxes(title="normal force [N]", rangemode="tozero", row=1, col=1)
     figure.update_yaxes(title="|f<sub>t</sub>| / (μ f<sub>n</sub>)", range=[0, 1.2], row=2, col=1)
-    figure.update_xaxes(title="normal force f<sub>n</sub> [N]", range=[0, most], row=1, col=2)
-    figure.update_yaxes(title="tangential force |f<sub>t</sub>| [N]", range=[0, mu * most], row=1, col=2)
-    figure.update_xaxes(showticklabels=True, row=1, col=2)
     return figure
+
+
+def _cone_dots(force_n: np.ndarray, force_t: np.ndarray, leg: str, colour: str) -> go.Scatter:
+    """The samples of one foot in the plane of the friction cone."""
+    return go.Scatter(
+        x=force_n.astype(np.float32),
+        y=force_t.astype(np.float32),
+        mode="markers",
+        marker={"color": colour, "size": 4, "opacity": 0.55},
+        name=leg,
+        legendgroup=leg,
+        showlegend=False,
+        hovertemplate="%{x:.0f} N normal, %{y:.0f} N tangential",
+    )
+
+
+def _draw_cone(figure: go.Figure, mu: float, most: float) -> None:
+    """The edge of the friction cone up to a normal force of `most` N, and what lies beyond it."""
+    place = {"row": 1, "col": 2}
+    edge = {"x": [0, most], "y": [0, mu * most]}
+    figure.add_scatter(**edge, mode="lines", line={"color": RED, "dash": "dash", "width": 1.2}, **_QUIET, **place)
+    beyond = {"x": [0, most, 0], "y": [0, mu * most, mu * most]}
+    figure.add_scatter(**beyond, fill="toself", fillcolor=FORBIDDEN, line_width=0, mode="lines", **_QUIET, **place)
+    figure.update_xaxes(title="normal force f<sub>n</sub> [N]", range=[0, most], showticklabels=True, **place)
+    figure.update_yaxes(title="tangential force |f<sub>t</sub>| [N]", range=[0, mu * most], **place)
 
 
 def joint_torques(record: Recording, numbers: RobotNumbers, phases: Sequence[tuple[str, float, float]]) -> go.Figure:

@@ -14,12 +14,12 @@ from controller_jax import gait, terrain_estimator
 from controller_jax.foot_contact import soles
 from controller_jax.foothold import desired_footholds
 from controller_jax.force_distribution import DistributionState
-from controller_jax.force_problem import SupportLegs
+from controller_jax.force_problem import support_legs
 from controller_jax.gait import GaitPattern, LegPhases
-from controller_jax.joint_torques import joint_torques, weight_torque
+from controller_jax.joint_torques import joint_torques
 from controller_jax.leg_kinematics import leg_kinematics
 from controller_jax.locomotion import GaitParams, LocomotionState
-from controller_jax.rotations import control_frame, cross, mm, mv
+from controller_jax.rotations import control_frame, cross, mv
 from controller_jax.swing_leg import joint_positions, swing_motion
 from controller_jax.terrain_estimator import Plane
 from controller_jax.torso_motion import TorsoTarget, torso_target
@@ -95,15 +95,12 @@ def control(
     integrals, wrench = virtual_model(
         params.gains, params.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, period
     )
-    R_CB = mm(R_WC.T, R_WB)
-    weight = weight_torque(geometry, legs, R_WB)
-    load = LEAST_LOAD + (1.0 - LEAST_LOAD) * planned
-    support = SupportLegs(mv(R_CB[None], legs.r_BF_B), mm(R_CB[None], legs.J_BF_B), weight, load)
+    support = support_legs(geometry, legs, R_WB, R_WC, LEAST_LOAD + (1.0 - LEAST_LOAD) * planned)
     distribution = smooth_forces(widths, params.distribution, state.distribution, support, wrench)
     force = planned[:, None] * distribution.force
 
     low, high = geometry.torque_limits[:, 0], geometry.torque_limits[:, 1]
-    torque = clip(joint_torques(force, support.J_BF_C, weight), low, high, widths.torque)
+    torque = clip(joint_torques(force, support.J_BF_C, support.weight_torque), low, high, widths.torque)
     position = _swing(params, geometry, robot, legs, foothold_W, pattern, phase, phases, R_WC, plane, smoothed)
     targets = JointTargets(torque, position, jnp.repeat(1.0 - planned, 3))
     got = jnp.concatenate([force.sum(0), cross(support.r_BF_C, force).sum(0)])

@@ -12,11 +12,11 @@ import jax
 import jax.numpy as jnp
 
 from controller_jax.force_distribution import DistributionState, init_distribution
-from controller_jax.force_problem import SupportLegs
-from controller_jax.joint_torques import joint_torques, weight_torque
+from controller_jax.force_problem import support_legs
+from controller_jax.joint_torques import joint_torques
 from controller_jax.leg_kinematics import inverse_kinematics, leg_kinematics
 from controller_jax.periodic_splines import Curve
-from controller_jax.rotations import control_frame, cross, mm, mv
+from controller_jax.rotations import control_frame, cross, mv
 from controller_jax.splines import quintic_spline
 from controller_jax.squat_jump import OVERTIME, RISING, under_hips
 from controller_jax.squat_jump_settings import SquatJumpParams, SquatJumpSettings
@@ -90,12 +90,10 @@ def control(
     learning = settings.control_period * (1.0 - launching)
     gains, limits = _gains(settings, params, launching), settings.integral_limits
     integrals, wrench = virtual_model(gains, limits, geometry, state.integrals, robot, legs, target, R_WC, learning)
-    R_CB = mm(R_WC.T, robot.R_WB)
-    weight = weight_torque(geometry, legs, robot.R_WB)
-    support = SupportLegs(mv(R_CB[None], legs.r_BF_B), mm(R_CB[None], legs.J_BF_B), weight, jnp.ones(4))
+    support = support_legs(geometry, legs, robot.R_WB, R_WC, jnp.ones(4))
     distribution = smooth_forces(widths, settings.distribution, state.distribution, support, wrench)
     force = distribution.force
-    torque = joint_torques(force, support.J_BF_C, weight)
+    torque = joint_torques(force, support.J_BF_C, support.weight_torque)
 
     low, high = geometry.torque_limits[:, 0], geometry.torque_limits[:, 1]
     below = _foot_below_hip(settings, params, state.take_off, time)
