@@ -16,13 +16,21 @@ LEAST_ACCELERATION = 1e-3
 
 
 class Estimate(NamedTuple):
-    """Mean and covariance of position and h x velocity, (J,) each."""
+    """Mean and covariance of position and turn, which is velocity times period, (J,) each."""
 
     position: Array  # rad
-    turn: Array  # velocity times period, rad
+    turn: Array  # rad
     pp: Array  # rad^2
     pt: Array
     tt: Array
+
+
+class Noise(NamedTuple):
+    """Variances, rad^2."""
+
+    position: float  # of the measured position
+    turn: float  # of the measured velocity times period
+    process: Array  # (J,) of what the acceleration adds to the turn in a period
 
 
 def link_motion(position: Array, velocity: Array, period: float) -> JointMotion:
@@ -39,46 +47,14 @@ def smoothed_link_motion(
     noise_p, noise_t = position_noise**2, (period * velocity_noise) ** 2
     jumps = jnp.var(jnp.diff(velocity, axis=0), axis=0) * period**2
     process = jnp.maximum(jumps - 2.0 * noise_t, LEAST_ACCELERATION * noise_t)
-
-    def predict(x: Estimate) -> Estimate:
-        return Estimate(
-            x.position + x.turn,
-            x.turn,
-            x.pp + 2.0 * x.pt + x.tt + process / 3.0,
-            x.pt + x.tt + process / 2.0,
-            x.tt + process,
-        )
-
-    def correct(x: Estimate, q: Array, turn: Array) -> Estimate:
-        s_pp, s_tt = x.pp + noise_p, x.tt + noise_t
-        det = s_pp * s_tt - x.pt * x.pt
-        gain_pp = (x.pp * s_tt - x.pt * x.pt) / det
-        gain_pt = x.pt * noise_p / det
-        gain_tp = x.pt * noise_t / det
-        gain_tt = (x.tt * s_pp - x.pt * x.pt) / det
-        dq, dt = q - x.position, turn - x.turn
-        return Estimate(
-            x.position + gain_pp * dq + gain_pt * dt,
-            x.turn + gain_tp * dq + gain_tt * dt,
-            (1.0 - gain_pp) * x.pp - gain_pt * x.pt,
-            (1.0 - gain_pp) * x.pt - gain_pt * x.tt,
-            (1.0 - gain_tt) * x.tt - gain_tp * x.pt,
-        )
+    noise = Noise(noise_p, noise_t, process)
 
     def forward(x: Estimate, row: tuple[Array, Array]) -> tuple[Estimate, Estimate]:
-        x = correct(predict(x), *row)
+        x = _corrected(_predicted(x, noise), *row, noise)
         return x, x
 
     def backward(later: tuple[Array, Array], x: Estimate) -> tuple[tuple, tuple]:
-        ahead = predict(x)
-        det = ahead.pp * ahead.tt - ahead.pt * ahead.pt
-        cross_p, cross_t = x.pp + x.pt, x.pt + x.tt  # covariance of x with the position ahead
-        dq, dt = later[0] - ahead.position, later[1] - ahead.turn
-        weight_q, weight_t = (ahead.tt * dq - ahead.pt * dt) / det, (ahead.pp * dt - ahead.pt * dq) / det
-        smooth = (
-            x.position + cross_p * weight_q + x.pt * weight_t,
-            x.turn + cross_t * weight_q + x.tt * weight_t,
-        )
+        smooth = _smoothed(x, _predicted(x, noise), *later)
         return smooth, smooth
 
     turns = velocity * period
@@ -90,3 +66,44 @@ def smoothed_link_motion(
     smooth_q = jnp.concatenate([smooth_q, last.position[None]])
     smooth_t = jnp.concatenate([smooth_t, last.turn[None]])
     return link_motion(smooth_q, smooth_t / period, period)
+
+
+def _predicted(x: Estimate, noise: Noise) -> Estimate:
+    """One period later, under white acceleration."""
+    return Estimate(
+        x.position + x.turn,
+        x.turn,
+        x.pp + 2.0 * x.pt + x.tt + noise.process / 3.0,
+        x.pt + x.tt + noise.process / 2.0,
+        x.tt + noise.process,
+    )
+
+
+def _corrected(x: Estimate, q: Array, turn: Array, noise: Noise) -> Estimate:
+    """With a measured row taken in (Kalman)."""
+    s_pp, s_tt = x.pp + noise.position, x.tt + noise.turn
+    det = s_pp * s_tt - x.pt * x.pt
+    gain_pp = (x.pp * s_tt - x.pt * x.pt) / det
+    gain_pt = x.pt * noise.position / det
+    gain_tp = x.pt * noise.turn / det
+    gain_tt = (x.tt * s_pp - x.pt * x.pt) / det
+    dq, dt = q - x.position, turn - x.turn
+    return Estimate(
+        x.position + gain_pp * dq + gain_pt * dt,
+        x.turn + gain_tp * dq + gain_tt * dt,
+        (1.0 - gain_pp) * x.pp - gain_pt * x.pt,
+        (1.0 - gain_pp) * x.pt - gain_pt * x.tt,
+        (1.0 - gain_tt) * x.tt - gain_tp * x.pt,
+    )
+
+
+def _smoothed(x: Estimate, ahead: Estimate, position: Array, turn: Array) -> tuple[Array, Array]:
+    """Position and turn, given those of the next row, which were predicted as `ahead` (Rauch, Tung, Striebel)."""
+    det = ahead.pp * ahead.tt - ahead.pt * ahead.pt
+    cross_p, cross_t = x.pp + x.pt, x.pt + x.tt  # covariance of x with the position ahead
+    dq, dt = position - ahead.position, turn - ahead.turn
+    weight_q, weight_t = (ahead.tt * dq - ahead.pt * dt) / det, (ahead.pp * dt - ahead.pt * dq) / det
+    return (
+        x.position + cross_p * weight_q + x.pt * weight_t,
+        x.turn + cross_t * weight_q + x.tt * weight_t,
+    )
