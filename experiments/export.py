@@ -9,8 +9,8 @@ import jax
 import numpy as np
 
 from es import SearchResult
-from experiments import parameter_file
-from experiments.parameter_file import Metric, PerturbedTrials, Spread, gate, write_parameters
+from experiments.parameter_file import gate, now, parameter, write_parameters
+from experiments.parameter_schema import Metric, PerturbedTrials, Spread
 from experiments.recording import gait_record, jump_record, write_motion
 from experiments.reports.gait import write_gait_report
 from experiments.reports.jump import write_jump_report
@@ -120,9 +120,7 @@ def parameter_fields(
         "task_hash": definition.hash(),
         "robot": ROBOT,
         "model_hash": options.model.hash(),
-        "parameters": [
-            parameter_file.parameter(p.name, named[p.name], p.unit, p.low, p.high) for p in definition.parameters
-        ],
+        "parameters": [parameter(p.name, named[p.name], p.unit, p.low, p.high) for p in definition.parameters],
         "metrics": metrics(definition.task, judged),
         "cost_terms": {name: float(value) for name, value in judged.nominal.terms.items()},
         "perturbed": PerturbedTrials(
@@ -140,7 +138,7 @@ def parameter_fields(
             "stages": ", ".join(f"{s.name} ({s.generations})" for s in result.stages),
         },
         "versions": versions(),
-        "created": parameter_file.now(),
+        "created": now(),
         "command": f"starleth replay {folder}",
     }
 

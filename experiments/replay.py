@@ -12,7 +12,8 @@ from experiments.effects.effect import Effect
 from experiments.errors import UserError
 from experiments.imu_sensing import make_sensing
 from experiments.model import Model
-from experiments.parameter_file import ParameterFile, read_parameters
+from experiments.parameter_file import read_parameters
+from experiments.parameter_schema import ParameterFile
 from experiments.plant import make_plant
 from experiments.rollout import Rollout, Score, Tick
 from experiments.stepping import ENGINES, run_with_engine

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.parameter_file import ParameterFile
+from experiments.parameter_schema import ParameterFile
 from experiments.reports import motion_figures, search_figures
 from experiments.reports.figures import phase_spans
 from experiments.reports.page import (

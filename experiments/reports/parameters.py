@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from experiments.parameter_file import ParameterFile
+from experiments.parameter_schema import ParameterFile
 from experiments.reports.page import Block, Card, Code, Columns, Range, Table, minus, number, percent
 
 Headlines = Mapping[str, tuple[str, float, str, str]]

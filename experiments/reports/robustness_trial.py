@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.model import Model
-from experiments.parameter_file import ParameterFile
+from experiments.parameter_schema import ParameterFile
 from experiments.reports.page import Card, Cards, Code, Section, Table, number, write_report
 from experiments.reports.playback import Playback, Track
 from experiments.rollout import Tick

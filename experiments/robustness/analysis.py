@@ -15,7 +15,8 @@ from experiments.errors import UserError
 from experiments.export import versions
 from experiments.files import first_complaint, nan_as_null, shown, write_json
 from experiments.model import Model
-from experiments.parameter_file import ParameterFile, gate, now, read_parameters, write_parameters
+from experiments.parameter_file import gate, now, read_parameters, write_parameters
+from experiments.parameter_schema import ParameterFile
 from experiments.perturbations import Perturbations
 from experiments.recording import until_divergence
 from experiments.reports.robustness import write_robustness_report

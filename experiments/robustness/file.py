@@ -8,11 +8,11 @@ import json
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from experiments.errors import UserError
 from experiments.files import first_complaint, read_json, shown
-from experiments.parameter_file import Count, Line, Name, RobustnessGate, Share, Word
+from experiments.parameter_schema import Count, Line, Name, Record, RobustnessGate, Share, Word
 
 SCHEMA_VERSION: Final = 1
 SCHEMA_ID: Final = "starleth:robustness.schema.json"
@@ -22,11 +22,7 @@ Interval = Annotated[list[Share], Field(min_length=2, max_length=2, description=
 Hash = Annotated[str, Field(pattern=r"^[0-9a-f]{16,64}$")]
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-class WorstTrial(_Record):
+class WorstTrial(Record):
     """A trial that can be run again alone: failures first, then the dearest."""
 
     trial: Count
@@ -38,7 +34,7 @@ class WorstTrial(_Record):
     command: Line = Field(description="runs this trial alone")
 
 
-class Sensitivity(_Record):
+class Sensitivity(Record):
     """How much one perturbation decides the cost, the strongest first."""
 
     name: Name
@@ -48,7 +44,7 @@ class Sensitivity(_Record):
     p_value: Share
 
 
-class Spread(_Record):
+class Spread(Record):
     """A figure over the trials."""
 
     unit: str
@@ -61,7 +57,7 @@ class Spread(_Record):
     high: float
 
 
-class SurvivalCurve(_Record):
+class SurvivalCurve(Record):
     """Success in bins of one disturbance."""
 
     name: Line
@@ -72,7 +68,7 @@ class SurvivalCurve(_Record):
     ci95: list[Interval]
 
 
-class RobustnessFile(_Record):
+class RobustnessFile(Record):
     """Success, worst cases, sensitivity and margins of one motion. SI units, radians."""
 
     schema_version: Literal[1] = SCHEMA_VERSION

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 from experiments.errors import UserError
-from experiments.parameter_file import ParameterFile
+from experiments.parameter_schema import ParameterFile
 from experiments.run_folder import RUN_FILE
 from experiments.sweep.definition import MEMBERS, Member, Sweep, label
 from experiments.sweep.member import INTERRUPTED, read_outcome, result_of

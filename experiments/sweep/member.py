@@ -17,7 +17,8 @@ from typing import Any, Final
 
 from experiments.errors import UserError
 from experiments.files import read_json, shown, write_json
-from experiments.parameter_file import ParameterFile, read_parameters
+from experiments.parameter_file import read_parameters
+from experiments.parameter_schema import ParameterFile
 from experiments.run_folder import RUN_FILE
 from experiments.sweep.definition import LOGS, MEMBERS, OUTCOMES
 

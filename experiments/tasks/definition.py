@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError,
 from es import Parameter, ParameterSpace
 from experiments.errors import UserError
 from experiments.files import first_complaint, read_json, shown
-from experiments.parameter_file import ParameterFile
+from experiments.parameter_schema import ParameterFile
 
 MAX_BYTES = 1_000_000
 MOST_ROLLOUTS = 10_000_000  # of one generation: their scores are held at once

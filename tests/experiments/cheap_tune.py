@@ -18,7 +18,8 @@ import es
 from experiments import parameter_file
 from experiments.cli.signals import terminate_as_interrupt
 from experiments.errors import UserError
-from experiments.parameter_file import Metric, Spread, write_parameters
+from experiments.parameter_file import write_parameters
+from experiments.parameter_schema import Metric, Spread
 from experiments.run_folder import open_run
 
 SIZE, POPULATION = 4, 6

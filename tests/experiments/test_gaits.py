@@ -17,7 +17,8 @@ from experiments.effects import LIBRARY
 from experiments.errors import UserError
 from experiments.evaluation import Evaluation, crossed
 from experiments.model import nominal_model
-from experiments.parameter_file import Metric, now, parameter, read_parameters, write_parameters
+from experiments.parameter_file import now, parameter, read_parameters, write_parameters
+from experiments.parameter_schema import Metric
 from experiments.perturbations import parse_perturbations
 from experiments.plant import make_plant
 from experiments.recording import gait_record
