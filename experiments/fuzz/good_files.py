@@ -3,7 +3,9 @@
 import gzip
 import io
 import json
+from collections.abc import Callable
 from functools import cache
+from importlib import resources
 from typing import Any, Final
 
 import numpy as np
@@ -68,11 +70,9 @@ def _effect_values(name: str) -> dict[str, Any]:
     return {p.name: {"value": (p.low + p.high) / 2, "unit": p.unit} for p in LIBRARY[name].parameters}
 
 
-@cache
-def resource_text(folder: str, name: str) -> bytes:
-    from importlib import resources
-
-    return (resources.files(folder) / name).read_bytes()
+def shipped(package: str, name: str) -> Callable[[], bytes]:
+    """A file that comes with a package."""
+    return (resources.files(package) / name).read_bytes
 
 
 def good_sweep() -> bytes:

@@ -23,7 +23,7 @@ from experiments.fuzz.good_files import (
     good_parquet,
     good_robustness,
     good_sweep,
-    resource_text,
+    shipped,
 )
 from experiments.fuzz.hostile_files import (
     one_file,
@@ -150,28 +150,18 @@ def read_effect(folder: Path) -> None:
     load_effects([folder / "effect.py"])
 
 
+TASKS: Final = "experiments.tasks"
+
 READERS: Final[tuple[Reader, ...]] = (
     Reader("parameters", one_file("parameters.json", good_parameters, signed_parameters), read_parameters),
     Reader("robustness", one_file("robustness.json", good_robustness, hostile.json_file), read_robustness),
     Reader("model", one_file("model.json", good_model, hostile.json_file), read_model),
-    Reader(
-        "numbers",
-        one_file("model.json", lambda: resource_text("mjx_starleth", "starleth.json"), hostile.json_file),
-        read_model,
-    ),
-    Reader(
-        "task",
-        one_file("task.json", lambda: resource_text("experiments.tasks", "squat_jump.json"), hostile.json_file),
-        read_task,
-    ),
-    Reader(
-        "gait task",
-        one_file("task.json", lambda: resource_text("experiments.tasks", "running_trot.json"), hostile.json_file),
-        read_task,
-    ),
+    Reader("numbers", one_file("model.json", shipped("mjx_starleth", "starleth.json"), hostile.json_file), read_model),
+    Reader("task", one_file("task.json", shipped(TASKS, "squat_jump.json"), hostile.json_file), read_task),
+    Reader("gait task", one_file("task.json", shipped(TASKS, "running_trot.json"), hostile.json_file), read_task),
     Reader(
         "perturbations",
-        one_file("perturbations.json", lambda: resource_text("experiments", "perturbations.json"), hostile.json_file),
+        one_file("perturbations.json", shipped("experiments", "perturbations.json"), hostile.json_file),
         read_perturbations,
     ),
     Reader("sweep", one_file("sweep.json", good_sweep, hostile.json_file), read_sweep),
@@ -185,7 +175,5 @@ READERS: Final[tuple[Reader, ...]] = (
     Reader("column map json", with_log(one_file("map.json", good_map, hostile.json_file)), read_log),
     Reader("column map toml", with_log(one_file("map.toml", lambda: GOOD_TOML, hostile.damaged)), read_log),
     Reader("checkpoints", prepare_checkpoints, read_checkpoints, heavy=10),
-    Reader(
-        "effect", one_file("effect.py", lambda: resource_text("experiments.examples", "cogging.py"), torn), read_effect
-    ),
+    Reader("effect", one_file("effect.py", shipped("experiments.examples", "cogging.py"), torn), read_effect),
 )
