@@ -7,7 +7,8 @@ turns, so that a machine whose speed drifts is slow for all of them; the best ro
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,7 +26,6 @@ from experiments.lanes import lanes
 from experiments.model import Model
 from experiments.plant import make_plant
 from experiments.rollout import Rollout
-from experiments.sensing import DirectSensing
 from experiments.tasks.definition import load_task
 from experiments.tasks.registry import make_task
 from experiments.trial import nominal_trial
@@ -37,6 +37,7 @@ from sea_jax import JointCommand, JointMeasurement, JointMotion
 
 ROUNDS = 5
 CHUNKS_EACH = 4  # of every device in a round: as a generation of 15 candidates under 4 perturbations has on two
+WEIGHT = 263.0  # N, of the robot
 KP, KD = 100.0, 2.0  # joint servo of the entries without a controller, as in the MuJoCo C run
 # mjx.step's; our own programs cost no less per environment at 16 or 32 than at CHUNK (the closed loop at 32: 1.7 times)
 MJX_CHUNK = 16
@@ -53,22 +54,30 @@ class Entry:
     run: Callable[[], Any]
 
 
+class Program(NamedTuple):
+    """`run(shared, member)` does so many ticks of one environment; `member` is a small number that tells them apart."""
+
+    run: Callable[[Any, jax.Array], Any]
+    shared: Any
+    ticks: int
+
+
 def entries(model: Model, devices: int, batch: int | None = None) -> list[Entry]:
     """All entries, compiled."""
     mesh, one = device_mesh(jax.devices()[:devices]), device_mesh(jax.devices()[:1])
     found = [mujoco_c(model.numbers, devices)]
-    for name, function, ticks in (
-        ("bodies", bodies_ticks, 400),
-        ("drive", drive_ticks, 400),
-        ("force_distribution", force_ticks, 400),
-        ("closed_loop", closed_loop_ticks, None),
-        ("gait_closed_loop", gait_closed_loop_ticks, None),
-        ("mjx_step", mjx_ticks, 100),
+    for name, make in (
+        ("bodies", bodies),
+        ("drive", drives),
+        ("force_distribution", force_distribution),
+        ("closed_loop", closed_loop),
+        ("gait_closed_loop", partial(closed_loop, task="running_trot")),
+        ("mjx_step", mjx_step),
     ):
-        body, count = function(model, ticks)
-        found.append(_entry(name, body, count, mesh, batch))
+        program = make(model)
+        found.append(_entry(name, program, mesh, batch))
         if name == "closed_loop" and devices > 1:
-            found.append(_entry(name, body, count, one, batch))
+            found.append(_entry(name, program, one, batch))
     return found
 
 
@@ -115,7 +124,7 @@ def mujoco_c(numbers: RobotNumbers, threads: int, batch: int = 512, ticks: int =
     return Entry("mujoco_c", batch, ticks, threads, lambda: rollout.rollout(m, data, states, control))
 
 
-def bodies_ticks(model: Model, ticks: int):
+def bodies(model: Model, ticks: int = 400) -> Program:
     """Moreau's step under joint servos, dropped from up to 0.1 m."""
     plant = make_plant(model)
     stance, height = _stance(model.numbers)
@@ -134,10 +143,10 @@ def bodies_ticks(model: Model, ticks: int):
         state, residual = jax.lax.scan(tick, state, None, length=ticks)
         return state.q[2], residual.max()
 
-    return (run, plant.params), ticks
+    return Program(run, plant.params, ticks)
 
 
-def drive_ticks(model: Model, ticks: int):
+def drives(model: Model, ticks: int = 400) -> Program:
     """All twelve drives, in torque mode, on moving links."""
     plant = make_plant(model)
     start = plant.initial_state(plant.params, jnp.asarray(plant.bodies.stance), jnp.zeros(12)).drive
@@ -158,13 +167,12 @@ def drive_ticks(model: Model, ticks: int):
 
         return jax.lax.scan(tick, start, jnp.arange(ticks))[1].sum()
 
-    return (run, plant.params), ticks
+    return Program(run, plant.params, ticks)
 
 
-def force_ticks(model: Model, ticks: int):
+def force_distribution(model: Model, ticks: int = 400) -> Program:
     """Warm-started force distribution for a wrench that wanders."""
-    rollout_ = _jump(model)
-    settings = rollout_.task.settings
+    settings = _loop(model, "squat_jump").task.settings
     geometry = settings.geometry
     stance, _ = _stance(model.numbers)
     legs = leg_kinematics(geometry, jnp.asarray(stance, jnp.float32))
@@ -176,42 +184,27 @@ def force_ticks(model: Model, ticks: int):
             angle = 0.02 * k.astype(jnp.float32) + phase
             wave = jnp.sin(angle * jnp.arange(1.0, 7.0))
             wrench = wave * jnp.array([60.0, 60.0, 150.0, 15.0, 15.0, 10.0])
-            wrench = wrench + 263.0 * jnp.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+            wrench = wrench + WEIGHT * jnp.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
             state, forces = distribute_forces(shared.distribution, state, problem, wrench)
             return state, forces.step_left
 
         return jax.lax.scan(tick, init_distribution(), jnp.arange(ticks))[1].max()
 
-    return (run, settings), ticks
+    return Program(run, settings, ticks)
 
 
-def closed_loop_ticks(model: Model, _: None):
-    """The squat jump as the search runs it: full drive train, controller, cost terms."""
-    rollout_ = _jump(model)
-    initial = jnp.asarray(load_task("squat_jump").space().initial)
-
-    def run(shared, shift):
-        params, settings = shared
-        return rollout_.score(params, settings, initial + 0.05 * shift, nominal_trial()).cost
-
-    return (run, (rollout_.plant.params, rollout_.task.settings)), rollout_.task.ticks
-
-
-def gait_closed_loop_ticks(model: Model, _: None):
-    """A running trot as the search runs it: the closed loop with sensors, filter and gait planner."""
-    definition = load_task("running_trot")
-    sensing = make_sensing(definition.stages[-1].sensing, model)
-    rollout_ = Rollout(make_plant(model), make_task(definition, model), sensing)
-    initial = jnp.asarray(definition.space().initial)
+def closed_loop(model: Model, task: str = "squat_jump") -> Program:
+    """A task as the search runs it: full drive train, senses, controller, cost terms."""
+    loop, initial = _loop(model, task), jnp.asarray(load_task(task).space().initial)
 
     def run(shared, shift):
         params, settings = shared
-        return rollout_.score(params, settings, initial + 0.05 * shift, nominal_trial()).cost
+        return loop.score(params, settings, initial + 0.05 * shift, nominal_trial()).cost
 
-    return (run, (rollout_.plant.params, rollout_.task.settings)), rollout_.task.ticks
+    return Program(run, (loop.plant.params, loop.task.settings), loop.task.ticks)
 
 
-def mjx_ticks(model: Model, ticks: int):
+def mjx_step(model: Model, ticks: int = 100) -> Program:
     """MJX's own step with its Newton solver; kept at small batches, where it does not hang."""
     numbers = model.numbers
     text = mjcf(numbers, solver_iterations=4, cone="pyramidal", position_gains=(KP, KD), armature=0.05)
@@ -230,21 +223,22 @@ def mjx_ticks(model: Model, ticks: int):
 
             return jax.lax.scan(tick, data, None, length=ticks)[0].qpos[2]
 
-    return (run, jnp.zeros(())), ticks
+    return Program(run, jnp.zeros(()), ticks)
 
 
-def _entry(name: str, body: tuple[Callable, Any], ticks: int, mesh: jax.sharding.Mesh, batch: int | None) -> Entry:
-    function, shared = body
+def _entry(name: str, program: Program, mesh: jax.sharding.Mesh, batch: int | None) -> Entry:
     library = name == "mjx_step"
     width, chunk = mesh.devices.size, MJX_CHUNK if library else CHUNK
     size = batch or (chunk * width if library else CHUNKS_EACH * chunk * width)
     members = np.linspace(0.0, 0.1, size, dtype=np.float32)
-    program = batched(function, mesh, min(chunk, size), members_first if library else lanes)
-    return Entry(name, size, ticks, width, lambda: program(shared, members))
+    run = batched(program.run, mesh, min(chunk, size), members_first if library else lanes)
+    return Entry(name, size, program.ticks, width, lambda: run(program.shared, members))
 
 
-def _jump(model: Model) -> Rollout:
-    return Rollout(make_plant(model), make_task(load_task("squat_jump"), model), DirectSensing())
+def _loop(model: Model, task: str) -> Rollout:
+    definition = load_task(task)
+    sensing = make_sensing(definition.stages[-1].sensing, model)
+    return Rollout(make_plant(model), make_task(definition, model), sensing)
 
 
 def _stance(numbers: RobotNumbers) -> tuple[np.ndarray, float]:
