@@ -184,11 +184,11 @@ def make_plant(model: Model, drive: str = "full", library: dict[str, Effect] = L
     if model.numbers is None:
         raise UserError("This model is a single joint on a bench: it has no legs to simulate.")
     numbers = model.numbers.model_dump(mode="json")
+    periods = periods_from_numbers(numbers)
     # written out for this robot: a quarter of the time and of the compile time of MJX's general tree
-    bodies = make_bodies(model.numbers, **({"dynamics": "legs"} | bodies_options))
+    bodies = make_bodies(model.numbers, **({"period": periods.control, "dynamics": "legs"} | bodies_options))
     effects, effect_numbers, placements = activate(model.effects, library)
     params = PlantParams(params_from_numbers(numbers), bodies.params, effect_numbers)
-    periods = periods_from_numbers(numbers)
     return Plant(bodies, drive, DRIVES[drive], periods, effects, params, model.numbers, placements)
 
 

@@ -208,9 +208,9 @@ def make_task(definition: TaskDefinition, model: Model) -> SquatJumpTask:
         key = shown(min(definition.settings))
         raise UserError(f"Task {definition.task}: it has no settings; remove the key '{key}' from them.")
     numbers = model.numbers.model_dump(mode="json")
-    settings = default_settings(geometry_from_numbers(numbers))
+    period = numbers["loops"]["control_period"]
+    settings = default_settings(geometry_from_numbers(numbers), period)
     shortest = float(settings.crouch_time + settings.launch_time) + OVERTIME + STANDING_TIME
     if definition.duration < shortest:
         raise UserError(f"Task {definition.task}: a duration of {definition.duration:g} s is too short for a jump.")
-    period = numbers["loops"]["control_period"]
     return SquatJumpTask(definition.task, round(definition.duration / period), period, settings, definition.weights)

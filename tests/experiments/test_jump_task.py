@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from experiments.model import nominal_model
+from experiments.model import Model, nominal_model
+from experiments.plant import make_plant
 from experiments.tasks.definition import load_task
 from experiments.tasks.registry import make_task
 from experiments.tasks.squat_jump import leg_lengths
+from mjx_starleth import robot_numbers
 
 SHIPPED = load_task("squat_jump")
 HIP, THIGH, SHANK = 0.0685, 0.200, 0.235  # m, FACTS 1
@@ -31,6 +33,15 @@ def test_a_leg_is_as_long_as_from_its_hip_to_its_foot() -> None:
     q = np.concatenate([r_WB, turn.as_quat()[[3, 0, 1, 2]], np.zeros(12)])
     found = jax.jit(leg_lengths)(geometry, jnp.asarray(q, jnp.float32), jnp.asarray(feet, jnp.float32))
     np.testing.assert_allclose(found, [0.5035, square, 0.5035, 0.3], atol=1e-6)
+
+
+def test_bodies_drives_and_controller_keep_the_control_period_of_the_robot() -> None:
+    numbers = nominal_model().numbers.model_dump(mode="json")
+    numbers["loops"]["control_period"] = 5e-3
+    model = Model(numbers=robot_numbers(numbers))
+    plant, task = make_plant(model), make_task(SHIPPED, model)
+    found = (plant.bodies.period, plant.periods.control, task.period, task.settings.control_period)
+    np.testing.assert_allclose(found, 5e-3)
 
 
 @pytest.mark.parametrize(("before_stop", "charged"), [(0.2, 0.0), (0.06, 0.0), (0.03, 0.02), (-0.01, 0.06)])
