@@ -99,9 +99,8 @@ def test_default_stance_is_that_of_the_robot_file():
 def test_targets_out_of_reach_stay_finite_and_within_limits():
     targets = jnp.asarray(np.random.default_rng(1).uniform(-1, 1, (500, 4, 3)), jnp.float32)
     targets = targets.at[0].set(GEOMETRY.r_BH_B).at[1].set(GEOMETRY.r_BH_B - jnp.array([[0.0, 0.0, 0.5035]]))
-    q, jacobian = jax.vmap(lambda r: (inverse_kinematics(GEOMETRY, r), jax.jacrev(inverse_kinematics, 1)(GEOMETRY, r)))(
-        targets
-    )
+    both = lambda r: (inverse_kinematics(GEOMETRY, r), jax.jacrev(inverse_kinematics, 1)(GEOMETRY, r))  # noqa: E731
+    q, jacobian = jax.jit(jax.vmap(both))(targets)
     assert jnp.isfinite(q).all() and jnp.isfinite(jacobian).all()
     assert (np.asarray(q) >= LIMITS[:, 0]).all() and (np.asarray(q) <= LIMITS[:, 1]).all()
 

@@ -1,0 +1,59 @@
+"""`starleth bench gaits`: how long the gaits keep going, and what throws them over."""
+
+import json
+import shlex
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiments.cli.options import DevicesOption, ModelOption, available_cores, start_jax, whole_loops
+
+HELP = """How long do the gaits keep going, and what throws them over?
+
+For each gait that comes with the program, or each run or parameters.json given: unseen perturbed trials in the full
+model with estimated state, beside the gait's initial guess; survival over sideways pushes, unperceived obstacles,
+slopes with a full turn, and friction; and the same gait in MuJoCo C with its own contact. One JSON line per gait;
+gaits.json and report.html in the output folder.
+
+    starleth bench gaits                                   all (about 15 minutes on two cores)
+    starleth bench gaits walking_trot runs/my_trot         these
+    starleth bench gaits --sweep-trials 0 --no-mujoco-c    only the unseen trials
+"""
+
+
+def gaits(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[GAIT]...", help="Gaits, runs or parameter files.")
+    ] = None,
+    trials: Annotated[int, typer.Option(min=1, max=100_000, help="Unseen trials of each gait.")] = 100,
+    cycles: Annotated[int, typer.Option(min=1, max=1000, help="Strides of an unseen trial.")] = 20,
+    sweep_trials: Annotated[
+        int, typer.Option(min=0, max=10_000, help="Trials at each size of each disturbance; 0: none.")
+    ] = 16,
+    mujoco_c: Annotated[bool, typer.Option(help="Replay each gait in MuJoCo C.")] = True,
+    model: ModelOption = None,
+    devices: DevicesOption = available_cores(),  # noqa: B008
+    folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for gaits.json and report.html.")] = Path(
+        "runs/bench_gaits"
+    ),
+) -> None:
+    whole_loops()
+    start_jax(devices)
+    from experiments.files import refuse_unwritable, write_json
+    from experiments.gait_benchmark.run import Plan, find_motions, measure
+    from experiments.model import load_model
+    from experiments.reports.gait_benchmark import write_gait_benchmark_report
+    from experiments.run_folder import make_answer_folder
+
+    robot = load_model(model)
+    plan = Plan(find_motions(names or (), robot), trials, cycles, sweep_trials, mujoco_c)
+    make_answer_folder(folder)
+    refuse_unwritable(folder / "gaits.json")
+    results = []
+    for result in measure(plan, robot, devices, lambda text: typer.echo(text, err=True)):
+        results.append(result)
+        print(json.dumps(result.figures), flush=True)
+        write_json(folder / "gaits.json", [r.figures for r in results])
+    line = shlex.join(["starleth", "bench", "gaits", *(names or ()), "--trials", str(trials), "--cycles", str(cycles)])
+    write_gait_benchmark_report(folder / "report.html", results, robot.numbers, line)
