@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from controller_jax.rotations import TINY, cross, mv
-from controller_jax.types import Array, LegGeometry, RobotState
+from controller_jax.rotations import TINY
+from controller_jax.types import Array, LegGeometry
 
 # The inverse kinematics keeps the foot this far below the HFE axis, m: higher up the leg's angles are
 # ambiguous, and no motion goes there.
@@ -88,10 +88,3 @@ def inverse_kinematics(geometry: LegGeometry, r_BF_B: Array) -> Array:
     HFE = jnp.arctan2(-x, drop) - jnp.arctan2(shank * sine, thigh + shank * cosine)
     q = jnp.stack([HAA, HFE, KFE], -1)
     return jnp.clip(q, limits[:, :, 0], limits[:, :, 1]).reshape(12)
-
-
-def foot_velocities(state: RobotState, legs: LegKinematics) -> Array:
-    """Velocity of the feet's centres in the world, (4, 3), m/s."""
-    omega = jnp.broadcast_to(state.omega_B, legs.r_BF_B.shape)
-    v_B = cross(omega, legs.r_BF_B) + mv(legs.J_BF_B, state.qd.reshape(4, 3))
-    return state.v_WB[None] + mv(state.R_WB[None], v_B)

@@ -1,5 +1,6 @@
 """Late commands: what the joint controllers receive was sent some time ago; and the unknown phase of the loops."""
 
+import jax
 import jax.numpy as jnp
 
 from experiments.effects.effect import Effect, Parameter
@@ -8,7 +9,7 @@ from sea_jax import Timing
 LONGEST = 8  # control periods that the memory holds: 20 ms at 400 Hz
 
 
-def delayed(history, delay_in_periods):
+def delayed(history: jax.Array, delay_in_periods: jax.Array) -> jax.Array:
     """Linear interpolation in a history (places, LONGEST + 1), newest first, at a delay in periods (places,)."""
     age = jnp.arange(LONGEST + 1, dtype=history.dtype)[None, :]
     late = delay_in_periods[:, None] - age

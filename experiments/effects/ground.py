@@ -1,8 +1,11 @@
 """The ground is not the level, rigid, 0.8 ground of the nominal model."""
 
+from typing import Any
+
 import jax.numpy as jnp
 
 from experiments.effects.effect import Effect, Parameter
+from mjx_starleth.body_types import BodyParams
 
 
 def _friction(p, bodies, _):
@@ -13,8 +16,8 @@ def _compliance(p, bodies, _):
     return bodies._replace(compliance=bodies.compliance + p.compliance)
 
 
-def tilt(p, bodies, _=None):
-    # a ground that rises by x per metre along the world's x axis, by y along y
+def tilt(p: Any, bodies: BodyParams, _: Any = None) -> BodyParams:
+    """A ground that rises by p.x per metre along the world's x axis, by p.y along y."""
     normal = bodies.terrain.normal - bodies.terrain.normal[2] * jnp.stack([p.x, p.y, jnp.zeros_like(p.x)])
     normal = normal / jnp.sqrt((normal * normal).sum())
     return bodies._replace(terrain=bodies.terrain._replace(normal=normal))

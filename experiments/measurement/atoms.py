@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from experiments.effects.compose import ActiveEffects, EffectNumbers
@@ -127,7 +126,3 @@ def hypotheses(atoms: Atoms, names: Sequence[str] | None = None) -> list[tuple[s
         if names is None or effect.name in names
         for where in atoms.places(effect)
     ]
-
-
-def as_array(x: np.ndarray) -> jax.Array:
-    return jnp.asarray(x, jnp.float32)

@@ -136,12 +136,6 @@ class Log:
         """The same experiment on another time axis."""
         return replace(self, time=time, sample_period=period, signals=dict(signals))
 
-    def rows_between(self, start: int, stop: int) -> "Log":
-        """The rows `start` to `stop` (Python slice) as a log of their own."""
-        part = slice(start, stop)
-        tables = {name: SignalTable(table.names, table.values[part]) for name, table in self.signals.items()}
-        return replace(self, time=self.time[part], signals=tables)
-
     def _ordered(self, signal: str, names: tuple[str, ...]) -> NDArray[np.float64] | None:
         table = self.signals.get(signal)
         if table is None:

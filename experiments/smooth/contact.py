@@ -6,6 +6,7 @@ just the impulse that brings it to the surface, so the motion is continuous in w
 left are the corner of the normal law and the edge of the friction disc, and those are rounded here.
 """
 
+from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -21,7 +22,7 @@ COMPLIANCE = 1e-7  # m/N: 7 um under a standing robot's foot
 TINY = 1e-12
 
 
-def smooth_contacts(widths: Widths):
+def smooth_contacts(widths: Widths) -> Callable:
     """A solver in place of `mjx_starleth.contact.solve_contacts`."""
     return partial(_solve, widths)
 

@@ -1,6 +1,7 @@
 """Which module brings which task."""
 
 from collections.abc import Mapping
+from types import ModuleType
 
 from experiments.errors import UserError
 from experiments.files import shown
@@ -10,7 +11,7 @@ from experiments.tasks import gait, squat_jump
 from experiments.tasks.definition import TaskDefinition
 
 GAITS = ("running_trot", "walking_trot", "lateral_walk", "bound", "pronk")
-MODULES: Mapping[str, object] = {"squat_jump": squat_jump} | dict.fromkeys(GAITS, gait)
+MODULES: Mapping[str, ModuleType] = {"squat_jump": squat_jump} | dict.fromkeys(GAITS, gait)
 
 
 def make_task(definition: TaskDefinition, model: Model) -> Task:
@@ -28,7 +29,8 @@ def metric_units(task: str) -> Mapping[str, str]:
     return module_of(task).METRIC_UNITS
 
 
-def module_of(task: str):
+def module_of(task: str) -> ModuleType:
+    """The module that brings a task. Raises UserError."""
     if task not in MODULES:
         raise UserError(f"No task '{task}'; the tasks are {', '.join(MODULES)}.")
     return MODULES[task]

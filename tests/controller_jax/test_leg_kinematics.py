@@ -10,12 +10,10 @@ from reference_robot import GEOMETRY, LEGS, LIMITS, NUMBERS, random_joints, refe
 from controller_jax.geometry import geometry_from_numbers
 from controller_jax.leg_kinematics import (
     MIN_DROP,
-    foot_velocities,
     inverse_kinematics,
     leg_kinematics,
     leg_mass,
 )
-from controller_jax.types import RobotState
 
 POSITION_TOLERANCE = 2e-6  # m: a few roundings of float32 at 0.5 m
 ANGLE_TOLERANCE = 2e-4  # rad: float32 rounding of the knee's cosine, worst near the stretched leg
@@ -46,30 +44,6 @@ def test_feet_and_centres_of_mass_agree_with_mujoco(mujoco_robot, seed):
         np.testing.assert_allclose(legs.r_BG_B[i], data.subtree_com[hip], atol=POSITION_TOLERANCE)
         np.testing.assert_allclose(legs.J_BG_B[i], jacobian[:, columns], atol=POSITION_TOLERANCE)
         np.testing.assert_allclose(leg_mass(GEOMETRY), model.body_subtreemass[hip], rtol=1e-6)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_foot_velocities_agree_with_mujoco(mujoco_robot, seed):
-    model, data = mujoco_robot
-    rng = np.random.default_rng(seed)
-    q, quaternion, velocity = random_joints(rng), rng.normal(size=4), rng.normal(size=18)
-    data.qpos[:] = [0, 0, 0, *quaternion / np.linalg.norm(quaternion), *q]
-    data.qvel[:] = velocity
-    mujoco.mj_forward(model, data)
-    state = RobotState(
-        r_WB=jnp.zeros(3),
-        R_WB=jnp.asarray(data.body("torso").xmat.reshape(3, 3), jnp.float32),
-        v_WB=jnp.asarray(velocity[:3], jnp.float32),
-        omega_B=jnp.asarray(velocity[3:6], jnp.float32),
-        q=jnp.asarray(q),
-        qd=jnp.asarray(velocity[6:], jnp.float32),
-        contact=jnp.ones(4),
-    )
-    ours = foot_velocities(state, leg_kinematics(GEOMETRY, state.q))
-    for i, leg in enumerate(LEGS):
-        jacobian = np.zeros((3, model.nv))
-        mujoco.mj_jacSite(model, data, jacobian, None, model.site(leg).id)
-        np.testing.assert_allclose(ours[i], jacobian @ velocity, atol=1e-5)
 
 
 def test_inverse_kinematics_finds_the_joints_back():
