@@ -1,6 +1,7 @@
 """`starleth robustness`: thousands of perturbed trials of a tuned motion."""
 
 import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -76,9 +77,7 @@ def command(
     robot = load_model(model, library)
     laws = load_perturbations(perturbations, robot, library)
     given = {"--perturbations": perturbations, "--model": model, "--task": task, "--drive": drive}
-    words = [str(source), "--seed", str(seed), *(w for k, v in given.items() if v is not None for w in (k, str(v)))]
-    words += [w for path in effects or () for w in ("--effects", str(path))]
-    line = shlex.join(["starleth", "robustness", *words])
+    line = _line(source, seed, given, effects or ())
     plan = analysis.plan(source, robot, laws, trials, seed, line, task, drive, library, devices, gate)
     if only is not None:
         print(json_line(analysis.one_trial(plan, only, output)))
@@ -93,3 +92,10 @@ def command(
         run.mark_finished()
     if found.gate is not None and not found.gate.passed:
         raise typer.Exit(GATE_FAILED)
+
+
+def _line(source: Path, seed: int, given: Mapping[str, object], effects: Sequence[Path]) -> str:
+    """The command that runs the same trials again, for the files that they leave."""
+    words = [str(source), "--seed", str(seed), *(w for k, v in given.items() if v is not None for w in (k, str(v)))]
+    words += [w for path in effects for w in ("--effects", str(path))]
+    return shlex.join(["starleth", "robustness", *words])

@@ -1,7 +1,7 @@
 """`starleth sweep`: many independent searches, on this machine or a cluster, resumable."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -18,6 +18,11 @@ from experiments.cli.search_options import (
 )
 from experiments.cli.signals import terminate_as_interrupt
 from experiments.errors import UserError
+
+if TYPE_CHECKING:
+    from experiments.sweep.definition import Sweep
+    from experiments.sweep.executors import Place
+    from experiments.sweep.run import Extra
 
 HELP = """Many independent searches: tasks x models x seeds, each a `starleth tune` of its own.
 
@@ -68,21 +73,13 @@ def command(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the sweep.")] = None,
 ) -> None:
     from experiments.sweep.executors import EXECUTORS, Place
-    from experiments.sweep.run import Extra, prepare, settings_of, sweep_in
+    from experiments.sweep.run import Extra, array_script, prepare, settings_of
 
     if executor not in EXECUTORS:
         raise UserError(f"No executor '{executor}'; choose one of {', '.join(EXECUTORS)}.")
-    if source is not None and source.is_dir():
-        folder, sweep = source, sweep_in(source)
-        if task or model or output:
-            raise UserError(f"{source} is a sweep already; leave --task, --model and --output away to go on with it.")
-    else:
-        folder = output
-        chosen = {"drive": drive, "generations": generations, "population": population, "trials": trials}
-        chosen |= {"risk": risk, "alpha": alpha, "perturbations": perturbations}
-        sweep = _new_sweep(source, task, model, {"seeds": seeds, **chosen})
-    if folder is None:
-        raise UserError("Where shall the sweep be written? Give a folder with --output.")
+    chosen = {"seeds": seeds, "drive": drive, "generations": generations, "population": population, "trials": trials}
+    chosen |= {"risk": risk, "alpha": alpha, "perturbations": perturbations}
+    folder, sweep = _sweep(source, task, model, output, chosen)
     extra = Extra(devices, tuple(effects or ()))
     if only is not None:
         raise typer.Exit(_run_one(folder, sweep, extra, only))
@@ -94,8 +91,6 @@ def command(
     with open_run(folder, "sweep", settings_of(sweep)) as run:
         prepare(folder)
         if script:
-            from experiments.sweep.run import array_script
-
             print(array_script(folder, sweep, extra, hours), end="")
             return
         if not _run(folder, sweep, extra, place):
@@ -103,7 +98,7 @@ def command(
         run.mark_finished()
 
 
-def _refuse_unknown(sweep, extra) -> None:
+def _refuse_unknown(sweep: "Sweep", extra: "Extra") -> None:
     """What every member would refuse for itself, said before there is a folder. Raises UserError."""
     from experiments.effects.library import load_effects
     from experiments.model import load_model
@@ -122,7 +117,27 @@ def _refuse_unknown(sweep, extra) -> None:
             perturbations_of_task(task, sweep.perturbations, model, library)
 
 
-def _new_sweep(source: Path | None, task: list[str] | None, model: list[str] | None, chosen: dict[str, Any]):
+def _sweep(
+    source: Path | None,
+    task: list[str] | None,
+    model: list[str] | None,
+    output: Path | None,
+    chosen: dict[str, Any],
+) -> "tuple[Path, Sweep]":
+    """The sweep's folder and the sweep: one to be gone on with, or a new one. Raises UserError."""
+    from experiments.sweep.run import sweep_in
+
+    if source is not None and source.is_dir():
+        if task or model or output:
+            raise UserError(f"{source} is a sweep already; leave --task, --model and --output away to go on with it.")
+        return source, sweep_in(source)
+    sweep = _new_sweep(source, task, model, chosen)
+    if output is None:
+        raise UserError("Where shall the sweep be written? Give a folder with --output.")
+    return output, sweep
+
+
+def _new_sweep(source: Path | None, task: list[str] | None, model: list[str] | None, chosen: dict[str, Any]) -> "Sweep":
     from experiments.sweep.definition import NOMINAL, load_sweep, parse_sweep
 
     if source is not None:
@@ -135,7 +150,7 @@ def _new_sweep(source: Path | None, task: list[str] | None, model: list[str] | N
     return parse_sweep(content, "the sweep").located(Path.cwd())
 
 
-def _run(folder: Path, sweep, extra, place) -> bool:
+def _run(folder: Path, sweep: "Sweep", extra: "Extra", place: "Place") -> bool:
     """All members; True when all are finished."""
     from experiments.sweep.executors import open_executor
     from experiments.sweep.run import run_all, unfinished
@@ -177,7 +192,7 @@ def _run(folder: Path, sweep, extra, place) -> bool:
     return not failed and not damaged
 
 
-def _run_one(folder: Path, sweep, extra, number: int) -> int:
+def _run_one(folder: Path, sweep: "Sweep", extra: "Extra", number: int) -> int:
     """One member, as a task of a SLURM array; its exit code."""
     from experiments.sweep.member import result_of, run_member
     from experiments.sweep.run import job_of, prepare, sweep_in

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from experiments.effects.effect import Effect
 from experiments.errors import UserError
-from experiments.export import versions
+from experiments.export import ROBOT, versions
 from experiments.files import first_complaint, nan_as_null, shown, write_json
 from experiments.model import Model
 from experiments.parameter_file import gate, now, read_parameters, write_parameters
@@ -27,8 +27,6 @@ from experiments.run_folder import RunFolder, make_answer_folder
 from experiments.tasks.definition import task_of
 from experiments.trial import Trial, noise_table
 from sea_jax import DRIVES
-
-ROBOT = "starleth"
 
 
 @dataclass(frozen=True)
