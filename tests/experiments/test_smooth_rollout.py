@@ -49,9 +49,9 @@ def wide(tree):
 
 def against_differences(function, x: np.ndarray, steps: np.ndarray) -> float:
     """Relative error of a function's slopes by forward mode, scaled with the steps."""
-    exact = jax.vmap(lambda t: jax.jvp(function, (x,), (t,))[1])(jnp.diag(steps))
+    exact = jax.jit(jax.vmap(lambda t: jax.jvp(function, (x,), (t,))[1]))(jnp.diag(steps))
     there = jnp.diag(steps) * STEP
-    both = jax.vmap(function)(jnp.concatenate([x + there, x - there]))
+    both = jax.jit(jax.vmap(function))(jnp.concatenate([x + there, x - there]))
     differences = (both[: len(x)] - both[len(x) :]) / (2 * STEP)
     return float(jnp.linalg.norm(exact - differences) / jnp.linalg.norm(differences))
 
@@ -69,8 +69,8 @@ FREE = np.array([[0.1, 0.0, -1.0], [0.05, -0.1, -0.6], [1.5, 0.2, -0.5], [0.1, 0
 def test_smooth_contact_tends_to_the_hard_laws(float64) -> None:
     """The foot that slips may differ: its friction is the sticking force brought into the disc."""
     problem = contact_problem(FREE)._replace(root=np.zeros((4, 6, 3)))
-    hard, _ = solve_contacts(wide(problem), jnp.zeros((4, 3)))
-    smooth, _ = smooth_contacts(NARROW)(wide(problem), jnp.zeros((4, 3)), 3)
+    hard, _ = jax.jit(solve_contacts)(wide(problem), jnp.zeros((4, 3)))
+    smooth, _ = jax.jit(smooth_contacts(NARROW))(wide(problem), jnp.zeros((4, 3)))
     np.testing.assert_allclose(smooth[jnp.array([0, 1, 3])], hard[jnp.array([0, 1, 3])], atol=2e-3)
     assert float(jnp.linalg.norm(smooth[2, :2])) <= 0.8 * float(smooth[2, 2])
 
