@@ -22,6 +22,8 @@ from experiments.tasks.registry import make_task
 from experiments.trial import Trial, noise_table
 from sea_jax import with_torque_limits
 
+Array = jax.Array
+
 SLICE = 1024  # members on the host at a time: bounds memory whatever their number
 
 
@@ -62,14 +64,19 @@ class Evaluation:
         sensing = self.sensing or make_sensing(self.definition.stages[-1].sensing, self.model)
         return Rollout(plant, self.watched(make_task(self.definition, self.model), plant), sensing)
 
+    @staticmethod
+    def outcome(rollout: Rollout, params: PlantParams, settings: Any, values: Array, trial: Trial) -> Any:
+        """What is wanted of one rollout."""
+        return rollout.score(params, settings, values, trial)
+
     @cached_property
-    def _program(self):
+    def _program(self) -> Callable[[Any, Members], Any]:
         rollout = self.rollout
 
-        def one(shared, member: Members) -> Score:
+        def one(shared, member: Members) -> Any:
             params, settings, noise = shared
             trial = Trial(member.numbers, noise, member.noise_start)
-            return rollout.score(params, settings, member.values, trial)
+            return self.outcome(rollout, params, settings, member.values, trial)
 
         return batched(one, self.mesh, self.members_per_chunk)
 

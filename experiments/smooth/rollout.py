@@ -10,12 +10,12 @@ Where a value counts, it is the hard rollout's: the refinement takes from here n
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.batch import batched
 from experiments.effects.effect import Effect
 from experiments.evaluation import Evaluation, Members
 from experiments.model import Model
@@ -68,7 +68,9 @@ def on_soft_ground(params: PlantParams) -> PlantParams:
     return params._replace(bodies=bodies._replace(compliance=jnp.maximum(bodies.compliance, jnp.float32(COMPLIANCE))))
 
 
-def cost_and_slope(rollout: Rollout, params: PlantParams, settings, values: Array, trial: Trial) -> tuple[Score, Array]:
+def cost_and_slope(
+    rollout: Rollout, params: PlantParams, settings: Any, values: Array, trial: Trial
+) -> tuple[Score, Array]:
     """Score and the slope (n,) of its cost by the parameter values (n,), one tangent for each of them."""
 
     def cost(values: Array) -> tuple[Array, Score]:
@@ -91,16 +93,10 @@ class SmoothEvaluation(Evaluation):
     def rollout(self) -> Rollout:
         return smooth_rollout(self.model, self.definition, self.library)
 
-    @cached_property
-    def _program(self):
-        rollout = self.rollout
-
-        def one(shared, member: Members) -> Array:
-            params, settings, noise = shared
-            trial = Trial(member.numbers, noise, member.noise_start)
-            return cost_and_slope(rollout, params, settings, member.values, trial)[1]
-
-        return batched(one, self.mesh, self.members_per_chunk)
+    @staticmethod
+    def outcome(rollout: Rollout, params: PlantParams, settings: Any, values: Array, trial: Trial) -> Array:
+        """The slope (n,) of the cost."""
+        return cost_and_slope(rollout, params, settings, values, trial)[1]
 
     def slopes(self, members: Members, torque_limit: float = 1.0) -> np.ndarray:
         """(N, n) cost per unit of each parameter."""
