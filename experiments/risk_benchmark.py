@@ -42,7 +42,7 @@ def rollouts(options: TuneOptions) -> int:
 
 def on_unseen_trials(options: TuneOptions, motions: np.ndarray, count: int) -> Score:
     """Scores of motions (M, n), each on the same perturbed trials; NumPy leaves (M, count)."""
-    drive = options.drive or options.definition.stages[-1].drive
+    drive = options.drive_for(options.definition.stages[-1].drive)
     evaluation = Evaluation(
         options.perturbed_model, options.definition, drive, options.library, local_mesh(options.devices), CHUNK
     )

@@ -58,6 +58,10 @@ class TuneOptions:
     search_law: Perturbations | None = None  # what the search's candidates meet; None: the same
     refine: int = 0  # steps of the refinement, which is an own step after the search: no setting of it
 
+    def drive_for(self, stage_drive: str) -> str:
+        """The drive of a stage that asks for this one."""
+        return self.drive if stage_drive == "full" else stage_drive
+
     def trials(self, key: jax.Array, count: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
         """Perturbed numbers by name and the starts of their sensor noise, (count,) each."""
         return self.perturbations.columns(key, count)
@@ -117,7 +121,7 @@ class StagedEvaluation:
     def on(self, drive: str, sensing: str | None = None) -> Evaluation:
         """The evaluation on a drive, compiled at its first use. sensing: that of the last stage unless given."""
         o = self.options
-        drive = o.drive if drive == "full" else drive
+        drive = o.drive_for(drive)
         sensing = sensing or o.definition.stages[-1].sensing
         if (drive, sensing) not in self._evaluations:
             seen = make_sensing(sensing, o.model)
