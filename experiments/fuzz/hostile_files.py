@@ -67,6 +67,7 @@ def parquet_file(data: bytes, chance: random.Random) -> bytes:
 
 
 def prepare_sweep_folder(folder: Path, chance: random.Random) -> None:
+    """One finished member that failed before; one of its files is hostile."""
     run = folder / "members" / "a.nominal.seed0"
     run.mkdir(parents=True)
     (folder / "outcomes").mkdir()
@@ -83,6 +84,7 @@ def prepare_sweep_folder(folder: Path, chance: random.Random) -> None:
 
 
 def prepare_run_folder(folder: Path, chance: random.Random) -> None:
+    """A run that was left, its record hostile."""
     (folder / "run").mkdir()
     record = {"schema_version": 1, "command": "tune", "settings": {"seed": 1}, "finished": False}
     (folder / "run" / "run.json").write_bytes(hostile.json_file(json.dumps(record).encode(), chance))
@@ -104,6 +106,7 @@ def _checkpoints() -> Path:
 
 
 def prepare_checkpoints(folder: Path, chance: random.Random) -> None:
+    """Two checkpoints, the newest damaged in one file or two, and sometimes signed again."""
     shutil.copytree(_checkpoints(), folder / "checkpoints")
     newest = folder / "checkpoints" / "generation_00000002"
     files = sorted(path for path in newest.rglob("*") if path.is_file())
