@@ -5,13 +5,13 @@ same row; the row is what the log keeps. Logs of a batch share the experiment an
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from experiments.independent_plant import leg_geometry
 from experiments.independent_plant.bench_bodies import BenchBodies, Load
-from experiments.independent_plant.bodies import Bodies, BodyChanges, model_text, slope_quaternion
+from experiments.independent_plant.bodies import Bodies, model_text
 from experiments.independent_plant.drive import (
     CONTROL_STEPS,
     STEP,
@@ -20,46 +20,23 @@ from experiments.independent_plant.drive import (
     JointController,
     Measured,
 )
-from experiments.independent_plant.hooks import Family, hooked
-from experiments.independent_plant.library import Effect, families_of
+from experiments.independent_plant.hooks import hooked
+from experiments.independent_plant.library import families_of
 from experiments.independent_plant.numbers import (
     UNCERTAIN,
     Array,
-    BodyNumbers,
     nominal_drive,
     numbers_file,
     per_kind,
 )
-from experiments.independent_plant.sensors import Sensors, SensorSettings
+from experiments.independent_plant.sensors import Sensors
+from experiments.independent_plant.setup import LogSetup, Start, changes_of
 
 PERIOD = CONTROL_STEPS * STEP  # s, of the rows
 LOAD_STEPS = 10  # the bearings' radial load is taken anew every 1 ms
 ACCELEROMETER_STEPS = 5  # and the accelerometer averages over 0.5 ms
 DRAG_SPEED = 0.02  # rad/s over which the bearings' small friction turns its sign
 Controller = Callable[[int, dict[str, Array]], Command]
-
-
-@dataclass(frozen=True)
-class LogSetup:
-    """What makes one log of a batch: its hidden effects, its own numbers, how it is measured."""
-
-    seed: int
-    effects: tuple[Effect, ...] = ()
-    off: dict[str, tuple[float, float, float]] = field(default_factory=dict)  # number -> factor per joint kind
-    bodies: BodyNumbers = field(default_factory=BodyNumbers)
-    sensors: SensorSettings = field(default_factory=SensorSettings)
-    velocity_phase: int = 0  # steps of 0.1 ms by which the velocity loop runs later than the rows
-    end_stops: bool = True
-
-
-@dataclass
-class Start:
-    """At rest at the beginning: (B, 12) rad and N m, (B, 3) m, (B, 4)."""
-
-    joint_position: Array
-    spring_torque: Array
-    torso_position: Array
-    torso_orientation: Array
 
 
 @dataclass
@@ -72,33 +49,6 @@ class Recording:
     power: dict[str, Array]  # effect -> (B, 12) summed squares of its torque, where it is one
     command_power: Array  # (B, 12) summed squares of the commanded torque
     fallen: Array  # (B,) bool
-
-
-def standing(setups: Sequence[LogSetup], height: float) -> Start:
-    """On four feet below the hips, on the ground as it is under each log."""
-    batch = len(setups)
-    angles = leg_geometry.stance_angles(np.full(batch, height))
-    families = families_of([s.effects for s in setups], [np.random.default_rng(0) for _ in setups])
-    attitude = np.array([slope_quaternion(change) for change in _changes(setups, families)])
-    up = leg_geometry.rotation(attitude)[:, :, 2]
-    _, jacobian = leg_geometry.feet(angles)
-    share = np.array([0.0, 0.0, leg_geometry.TOTAL_MASS * leg_geometry.GRAVITY / 4.0])
-    torque = -np.einsum("blij,i->blj", jacobian, share).reshape(batch, 12)
-    return Start(angles, torque, height * up, attitude)
-
-
-def hanging(angles: Array) -> Start:
-    """Clamped torso, springs unloaded, at joint angles (B, 12)."""
-    batch = len(angles)
-    return Start(angles, np.zeros((batch, 12)), np.zeros((batch, 3)), np.tile([1.0, 0.0, 0.0, 0.0], (batch, 1)))
-
-
-def _changes(setups: Sequence[LogSetup], families: list[Family]) -> list[BodyChanges]:
-    changes = [BodyChanges(end_stops=setup.end_stops) for setup in setups]
-    for family in hooked(families, "change_bodies"):
-        for log, change in enumerate(changes):
-            family.change_bodies(log, change)
-    return changes
 
 
 class Plant:
@@ -118,7 +68,7 @@ class Plant:
         self.setups = setups
         rngs = [np.random.default_rng([setup.seed, 1]) for setup in setups]
         self.families = families_of([s.effects for s in setups], rngs)
-        changes = _changes(setups, self.families)
+        changes = changes_of(setups, self.families)
         if loads is None:
             self.bodies = Bodies([model_text(experiment, s.bodies, c) for s, c in zip(setups, changes)])
         else:

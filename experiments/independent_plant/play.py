@@ -14,17 +14,8 @@ from experiments.independent_plant.leg_geometry import rotation, stance_angles
 from experiments.independent_plant.library import Effect
 from experiments.independent_plant.logs import columns, robot_info, write_log
 from experiments.independent_plant.numbers import JOINT_NAMES, Array
-from experiments.independent_plant.plant import (
-    PERIOD,
-    LogSetup,
-    Plant,
-    Recording,
-    Start,
-    hanging,
-    run,
-    simulate,
-    standing,
-)
+from experiments.independent_plant.plant import PERIOD, Plant, Recording, run, simulate
+from experiments.independent_plant.setup import LogSetup, Start, hanging, standing
 
 AIR_HEIGHT = 0.42  # m, the stance that legs in the air start from where no position is commanded
 

@@ -9,8 +9,9 @@ from experiments.independent_plant.bench import RIGID_PERIOD, elastic_bench, rig
 from experiments.independent_plant.bench_bodies import LOADS, nominal_load
 from experiments.independent_plant.library import Effect
 from experiments.independent_plant.numbers import KINDS, BodyNumbers
-from experiments.independent_plant.plant import PERIOD, LogSetup, Recording, hanging, simulate, standing
+from experiments.independent_plant.plant import PERIOD, Recording, simulate
 from experiments.independent_plant.sensors import SensorSettings
+from experiments.independent_plant.setup import LogSetup, hanging, standing
 from experiments.independent_plant.stance import STAND, GroundController, air_controller, hop_course, squat_course
 
 SETTLE = 0.5  # s on the ground before a log begins, for feet and drives to come to rest
