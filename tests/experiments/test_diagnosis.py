@@ -100,15 +100,22 @@ def test_a_jump_on_the_independent_plant_is_that_of_the_model_and_friction_lower
 
 @pytest.mark.slow
 def test_jumps_of_both_models_are_tuned_and_replayed_on_the_robot_whose_diagnosis_is_kept(tmp_path) -> None:
-    hidden = Effect("coulomb_friction", "all", {"level": 0.006})
-    (tmp_path / "log").mkdir()
-    (tmp_path / "log/case_0001.csv.gz").touch()
-    write_json(tmp_path / "diagnosis.json", {"verdict": "explained", "effects": []})
-    friction = {"torque": FittedValue(value=0.006, unit="N m at the rotor")}
-    learned = PlacedEffect(effect="coulomb_friction", where="all", parameters=friction)
-    save_model(tmp_path / "model.json", nominal_model().with_effect(learned))
+    hidden = Effect("torque_sensor_gain", "all", {"change": 0.2})
+    mine = tmp_path / "torque_sensor_gain@all"
+    (mine / "log").mkdir(parents=True)
+    (mine / "log/case_0001.csv.gz").touch()
+    write_json(mine / "diagnosis.json", {"verdict": "explained", "effects": []})
+    gain = {"relative": FittedValue(value=0.2, unit="-")}
+    learned = PlacedEffect(effect="torque_sensor_gain", where="all", parameters=gain)
+    save_model(mine / "model.json", nominal_model().with_effect(learned))
     found = beyond_log(tmp_path, hidden, 4, 0, 1, lambda text: None)
-    assert found["learned"] == ["coulomb_friction@all"] and found["verdict"] == "explained"
-    for model in ("nominal", "learned"):
-        assert 0.2 < found[model]["on_robot"] < 1.0 and not found[model]["fallen"]
-    assert found["lost"] == pytest.approx(found["nominal"]["promised"] - found["nominal"]["on_robot"], abs=1e-3)
+    assert found["learned_effects"] == ["torque_sensor_gain@all"] and found["verdict"] == "explained"
+    nominal, other = found["nominal"], found["learned"]
+    assert not nominal["fallen"] and not other["fallen"]
+    assert (
+        found["lost"] == pytest.approx(nominal["without_effect"] - nominal["on_robot"], abs=1e-3)
+        and found["lost"] > 0.02
+    )
+    assert found["won_back_share"] == pytest.approx((other["on_robot"] - nominal["on_robot"]) / found["lost"], abs=0.01)
+    with pytest.raises(UserError, match="another robot"):
+        beyond_log(tmp_path, Effect("torque_sensor_gain", "all", {"change": 0.1}), 4, 0, 1, lambda text: None)
