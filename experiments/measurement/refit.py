@@ -16,6 +16,7 @@ ITERATIONS = 8
 ENOUGH = 2.0  # fall of chi^2 below which the fit has ended: a parameter is then within its interval
 STEP_LENGTHS = (1.0, 0.4, 0.1)
 FARTHEST = 2.0  # deviations that a nominal number may be off by: beyond them it is an effect and has to prove itself
+BLOWN_UP = 1e12  # chi^2 of a block whose replay is no number; finite, so that masks and sums keep their sense
 DIFFERENCE = 0.01  # of a parameter's start: the step of the difference quotients
 
 
@@ -121,6 +122,8 @@ def _solve(
     damping, best = 1e-6, problem.cost([v], [points])[0]
     for _ in range(iterations):
         normal = problem.normal(v, points)
+        if not np.isfinite(normal.hessian).all():
+            return _blown_up(problem, effects, nominal, v, points)
         tried = [problem.moved(v, length * problem.step(v, normal, damping)) for length in STEP_LENGTHS]
         tried.append(v)  # only the log's own nuisances move
         found = [problem.follow(c, v, points, normal) for c in tried]
@@ -134,9 +137,18 @@ def _solve(
     covariance = np.zeros((0, 0))
     if len(v):
         normal = problem.normal(v, points)
+        if not np.isfinite(normal.hessian).all():
+            return _blown_up(problem, effects, nominal, v, points)
         covariance = _covariance(normal.hessian, normal.gradients)
     chi2 = tuple(log.chi2([p])[0] for log, p in zip(logs, points, strict=True))
     return _result(effects, problem.variables, nominal, v, covariance, tuple(points), chi2)
+
+
+def _blown_up(problem: "_Problem", effects, nominal, v: np.ndarray, points: Sequence[Point]) -> Refitted:
+    """A fit whose replay, there or a small step away, is no number: it explains nothing and is never chosen."""
+    count = len(v) - len(nominal)
+    chi2 = tuple(np.full(log.blocks, BLOWN_UP) for log in problem.logs)
+    return _result(effects, problem.variables, nominal, v, np.zeros((count, count)), tuple(points), chi2)
 
 
 class _Own(NamedTuple):

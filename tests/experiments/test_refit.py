@@ -1,0 +1,58 @@
+"""The refit's least squares on a log that is a formula: it finds what it should, and survives what is no number."""
+
+import numpy as np
+import pytest
+
+from experiments.effects import LIBRARY
+from experiments.measurement.atoms import Atoms
+from experiments.measurement.evidence import Point
+from experiments.measurement.refit import BLOWN_UP, Placed, refit
+
+HIDDEN = 40.0  # N m/rad^3
+BLOCKS = 4
+
+
+class Formula:
+    """Stands for an `Evidence`: one residual a block, (cubic - HIDDEN); no number beyond `bursts`."""
+
+    name, blocks = "formula", BLOCKS
+    atoms = Atoms((LIBRARY["spring_stiffening"],), ("axis",))
+
+    def __init__(self, bursts: float):
+        self.bursts = bursts
+
+    def start(self) -> Point:
+        return Point(np.zeros(1), np.zeros(1), np.zeros(0))
+
+    def residual(self, x: np.ndarray) -> float:
+        return x[0] - HIDDEN if x[0] < self.bursts else np.nan
+
+    def chi2(self, points: list[Point]) -> np.ndarray:
+        return np.array([[self.residual(p.x) ** 2] * BLOCKS for p in points])
+
+    def local(self, at: Point, directions: np.ndarray) -> np.ndarray:
+        here = self.residual(at.x)
+        row = np.array([*(self.residual(at.x + d) - here for d in directions), 0.0, here])  # one shift, without effect
+        return np.repeat(np.outer(row, row)[None], BLOCKS, 0)
+
+    def coefficients(self, at: Point) -> np.ndarray:
+        return at.shift
+
+    def nuisances(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return z, np.zeros(0)
+
+
+def fitted(start: float, bursts: float):
+    return refit([Formula(bursts)], [Placed("spring_stiffening", "axis", {"cubic": start})], ())
+
+
+@pytest.mark.parametrize("start", [5.0, 90.0])
+def test_a_strength_is_found_from_either_side(start: float) -> None:
+    found = fitted(start, np.inf)
+    assert found.effects[0].parameters["cubic"] == pytest.approx(HIDDEN, abs=1e-3) and found.total < 1e-3
+
+
+def test_an_effect_that_makes_the_replay_no_number_explains_nothing_and_raises_nothing() -> None:
+    found = fitted(90.0, bursts=60.0)
+    assert found.total == BLOCKS * BLOWN_UP and np.isfinite(found.covariance).all()
+    assert fitted(5.0, bursts=60.0).effects[0].parameters["cubic"] == pytest.approx(HIDDEN, abs=1e-3)
