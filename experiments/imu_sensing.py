@@ -54,6 +54,7 @@ class EstimatedSensing:
     period: float
     gravity: float
     params: EstimatorParams
+    contact_force: float  # N from which a foot counts as on the ground
     faults: ImuFaults = field(default_factory=ImuFaults)
 
     def start(self, plant: PlantState) -> ImuState:
@@ -73,7 +74,7 @@ class EstimatedSensing:
             specific_force_B=force_B + _vector(faults.accelerometer_bias) + faults.accelerometer_noise * noise[54:57],
             q=measurement.position,
             qd=measurement.velocity,
-            contact=contact_flags(plant),
+            contact=contact_flags(plant.contact_force, self.contact_force),
         )
         estimate, robot, _ = state_estimator.step(
             self.params, self.geometry, state.filter, reading, jnp.float32(self.period)
@@ -88,13 +89,19 @@ def estimated_sensing(model: Model) -> EstimatedSensing:
     numbers = model.numbers.model_dump(mode="json")
     params = EstimatorParams(*(jnp.asarray(value, jnp.float32) for value in FILTER))
     return EstimatedSensing(
-        geometry_from_numbers(numbers), numbers["loops"]["control_period"], numbers["gravity"], params
+        geometry_from_numbers(numbers),
+        numbers["loops"]["control_period"],
+        numbers["gravity"],
+        params,
+        numbers["contact"]["contact_flag_force"],
     )
 
 
 def make_sensing(name: Literal["direct", "estimated"], model: Model) -> Sensing:
     """How a stage of a task's search sees the robot, by name."""
-    return estimated_sensing(model) if name == "estimated" else DirectSensing()
+    if name == "estimated":
+        return estimated_sensing(model)
+    return DirectSensing(model.numbers.contact.contact_flag_force)
 
 
 def _vector(values: tuple[float, float, float]) -> np.ndarray:

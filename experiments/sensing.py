@@ -1,5 +1,6 @@
 """From the plant to what the controllers see: perfect, or with the noise that the robot's logs show."""
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import jax
@@ -11,8 +12,6 @@ from mjx_starleth.rotation import rotation_matrix
 from sea_jax import JointMeasurement
 
 Array = jax.Array
-
-CONTACT_FORCE = 10.0  # N above which a foot counts as on the ground (FACTS 1)
 
 
 class Noise(NamedTuple):
@@ -43,8 +42,11 @@ class Sensing(Protocol):
         """(estimator state, state as the locomotion controller sees it, what the joint controllers see)."""
 
 
+@dataclass(frozen=True, eq=False)
 class DirectSensing:
     """Torso pose and velocity as measured from outside, joints from their encoders."""
+
+    contact_force: float  # N from which a foot counts as on the ground
 
     def start(self, plant: PlantState) -> tuple[()]:
         return ()
@@ -61,7 +63,7 @@ class DirectSensing:
             omega_B=u[3:6] + NOISE.base_angular_velocity * noise[57:60],
             q=measurement.position,
             qd=measurement.velocity,
-            contact=contact_flags(plant),
+            contact=contact_flags(plant.contact_force, self.contact_force),
         )
         return state, robot, measurement
 
@@ -76,10 +78,9 @@ def noisy_joints(measurement: JointMeasurement, noise: Array) -> JointMeasuremen
     )
 
 
-def contact_flags(plant: PlantState) -> Array:
-    """1.0 for each foot (4,) that presses on the ground with at least 10 N."""
-    force = plant.contact_force
-    return ((force * force).sum(-1) >= CONTACT_FORCE**2).astype(jnp.float32)
+def contact_flags(force: Array, least: float) -> Array:
+    """1.0 for each foot (4,) on which a force (4, 3) of at least so many N acts."""
+    return ((force * force).sum(-1) >= least**2).astype(jnp.float32)
 
 
 def _times_skew(R: Array, v: Array) -> Array:

@@ -90,7 +90,7 @@ class GaitTrials:
         chunk: int = CHUNK,
     ) -> None:
         task = make_task(definition, model)
-        free = GaitTask("any gait", (), SEGMENT, task.period, task.settings, task.weights)
+        free = GaitTask("any gait", (), SEGMENT, task.period, task.contact_force, task.settings, task.weights)
         self.rollout = Rollout(make_plant(model, drive), free, make_sensing("estimated", model))
         self.mesh = local_mesh(devices)
         self.chunk = chunk_on(self.mesh, chunk)
@@ -116,7 +116,7 @@ class GaitTrials:
                 after, observed = rollout.tick(params, case.settings, none, trial, carry, k)
                 on = observed.time < case.duration  # afterwards nothing counts any more
                 tally = jax.tree.map(lambda new, old: jnp.where(on, new, old), after[3], carry[3])
-                aloft = 1.0 - contact_flags(observed.after).max()
+                aloft = 1.0 - contact_flags(observed.after.contact_force, rollout.task.contact_force).max()
                 return (*after[:3], tally, after[4]), jnp.where(on, aloft, 0.0)
 
             return jax.lax.scan(tick, carry, first + jnp.arange(SEGMENT))

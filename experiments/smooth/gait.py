@@ -26,7 +26,6 @@ from controller_jax.torso_motion import TorsoTarget, torso_target
 from controller_jax.types import JointTargets, LegGeometry, RobotState
 from controller_jax.velocity_command import VelocityCommand, smooth
 from controller_jax.virtual_model import Integrals, virtual_model
-from experiments.sensing import CONTACT_FORCE
 from experiments.smooth.forces import smooth_forces, tangential
 from experiments.smooth.laws import Widths, clip, step
 
@@ -64,6 +63,7 @@ def init(state: LocomotionState) -> SmoothGaitState:
 
 def control(
     widths: Widths,
+    contact_force: float,
     params: GaitParams,
     geometry: LegGeometry,
     state: SmoothGaitState,
@@ -72,7 +72,10 @@ def control(
     time: Array,
     period: Array,
 ) -> tuple[SmoothGaitState, JointTargets, SmoothGaitInfo]:
-    """One control period (s); robot.contact (4,) is the feet's force, N, and position_mode a share."""
+    """One control period (s); robot.contact (4,) is the feet's force, N, and position_mode a share.
+
+    contact_force: from which a foot counts as on the ground, N.
+    """
     legs = leg_kinematics(geometry, robot.q)
     R_WB = robot.R_WB
     feet = soles(geometry, legs, robot.q, robot.qd, R_WB, state.plane.normal_W)
@@ -81,7 +84,7 @@ def control(
     pattern, phase = _schedule(params, state.phase, time, period)
     phases = gait.leg_phases(pattern, phase)
     planned = planned_support(widths, params, pattern, phase)
-    pressed = step(robot.contact - CONTACT_FORCE, widths.contact_force)
+    pressed = step(robot.contact - contact_force, widths.contact_force)
     foothold_W = state.foothold_W + pressed[:, None] * (soles_W - state.foothold_W)
     plane = terrain_estimator.estimate(params.terrain, state.plane, foothold_W, period)
     R_WC = control_frame(R_WB, plane.normal_W)

@@ -15,11 +15,11 @@ import jax.numpy as jnp
 from controller_jax.types import JointTargets, RobotState
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Rollout, Score, Tick
-from experiments.sensing import CONTACT_FORCE, rotation_matrix
 from experiments.smooth import gait
 from experiments.smooth.laws import WIDTHS, Widths, softplus, step
 from experiments.tasks.gait import CONE_EDGE, GaitTask
 from experiments.trial import Trial
+from mjx_starleth.rotation import rotation_matrix
 
 Array = jax.Array
 JUDGED_TIME = 0.7  # s: a stride of any gait
@@ -69,7 +69,15 @@ class SmoothGait(GaitTask):
         command = command._replace(turning=jnp.where(time >= settings.turn_start, command.turning, 0.0))
         params = self.parameters(settings, values)
         return gait.control(
-            self.widths, params, settings.geometry, state, robot, command, time, jnp.float32(self.period)
+            self.widths,
+            self.contact_force,
+            params,
+            settings.geometry,
+            state,
+            robot,
+            command,
+            time,
+            jnp.float32(self.period),
         )
 
     def first_tally(self) -> SmoothGaitTally:
@@ -81,7 +89,7 @@ class SmoothGait(GaitTask):
         q, u = tick.after.bodies.q, tick.after.bodies.u
         dt = self.period
         R, normal = rotation_matrix(q[3:7]), info.plane.normal_W
-        pressed = step(jnp.sqrt((bodies.contact_force**2).sum(-1) + TINY) - CONTACT_FORCE, w.contact_force)
+        pressed = step(jnp.sqrt((bodies.contact_force**2).sum(-1) + TINY) - self.contact_force, w.contact_force)
         heading = R[:, 0] - normal * (R[:, 0] * normal).sum()
         heading = heading / jnp.sqrt((heading * heading).sum() + TINY)
         along = jnp.stack([(u[:3] * heading).sum(), (u[:3] * jnp.cross(normal, heading)).sum()])
@@ -131,5 +139,6 @@ def _size(x: Array, width: float) -> Array:
 def smooth_gait_task(before: Rollout, widths: Widths) -> SmoothGait:
     """The smooth counterpart of a gait's true rollout."""
     task = before.task
-    ticks = round(JUDGED_TIME / task.period)
-    return SmoothGait(task.name, task.names, ticks, task.period, task.settings, task.weights, before, widths)
+    ticks, period = round(JUDGED_TIME / task.period), task.period
+    settings, weights = task.settings, task.weights
+    return SmoothGait(task.name, task.names, ticks, period, task.contact_force, settings, weights, before, widths)

@@ -14,7 +14,6 @@ import jax.numpy as jnp
 from controller_jax.types import JointTargets, RobotState
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
-from experiments.sensing import CONTACT_FORCE
 from experiments.smooth import squat_jump
 from experiments.smooth.laws import WIDTHS, Widths, softplus, step
 from experiments.tasks.squat_jump import CONE_EDGE, SquatJumpTask, leg_lengths
@@ -54,7 +53,9 @@ class SmoothSquatJump(SquatJumpTask):
     def control(
         self, settings: Any, values: Array, state: Any, robot: RobotState, time: Array
     ) -> tuple[Any, JointTargets, Any]:
-        return squat_jump.control(self.widths, settings, self.parameters(values), state, robot, time)
+        return squat_jump.control(
+            self.widths, self.contact_force, settings, self.parameters(values), state, robot, time
+        )
 
     def first_tally(self) -> SmoothTally:
         return SmoothTally(*(jnp.zeros(()) for _ in SmoothTally._fields))
@@ -64,7 +65,7 @@ class SmoothSquatJump(SquatJumpTask):
         q = tick.after.bodies.q
         before = 1.0 - info.touched
         dt = self.period * before
-        pressed = step(foot_forces(bodies.contact_force) - CONTACT_FORCE, w.contact_force)
+        pressed = step(foot_forces(bodies.contact_force) - self.contact_force, w.contact_force)
         leg = leg_lengths(self.settings.geometry, q, bodies.r_WF).mean()
         slide = (jnp.sqrt((bodies.slip_velocity[:, :2] ** 2).sum(-1) + TINY) * pressed).sum()
         limits, joints = self.settings.geometry.position_limits, q[7:]
@@ -104,4 +105,4 @@ def foot_forces(contact_force: Array) -> Array:
 def smooth_jump_task(task: SquatJumpTask, widths: Widths) -> SmoothSquatJump:
     """The smooth counterpart of a squat jump."""
     ticks = min(task.ticks, round(HORIZON / task.period))
-    return SmoothSquatJump(task.name, ticks, task.period, task.settings, task.weights, widths)
+    return SmoothSquatJump(task.name, ticks, task.period, task.contact_force, task.settings, task.weights, widths)

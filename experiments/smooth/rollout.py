@@ -52,14 +52,14 @@ def smooth_rollout(
     if isinstance(task, SquatJumpTask):
         smooth_task = smooth_jump_task(task, widths)
     else:
-        smooth_task = smooth_gait_task(Rollout(plant, task, DirectSensing()), widths)
+        smooth_task = smooth_gait_task(Rollout(plant, task, DirectSensing(task.contact_force)), widths)
     plant = replace(
         plant,
         drive_step=smooth_drive(widths),
         bodies=replace(plant.bodies, contacts=smooth_contacts(widths)),
         params=on_soft_ground(plant.params),
     )
-    return Rollout(plant, smooth_task, SmoothSensing())
+    return Rollout(plant, smooth_task, SmoothSensing(task.contact_force))
 
 
 def on_soft_ground(params: PlantParams) -> PlantParams:

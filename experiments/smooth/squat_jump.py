@@ -23,7 +23,6 @@ from controller_jax.squat_jump_settings import SquatJumpParams, SquatJumpSetting
 from controller_jax.torso_motion import TorsoTarget
 from controller_jax.types import JointTargets, RobotState
 from controller_jax.virtual_model import Gains, Integrals, init_integrals, virtual_model
-from experiments.sensing import CONTACT_FORCE
 from experiments.smooth.forces import smooth_forces, tangential
 from experiments.smooth.laws import Widths, any_of, clip, softplus, step
 
@@ -71,17 +70,21 @@ def init() -> SmoothJumpState:
 
 def control(
     widths: Widths,
+    contact_force: float,
     settings: SquatJumpSettings,
     params: SquatJumpParams,
     state: SmoothJumpState,
     robot: RobotState,
     time: Array,
 ) -> tuple[SmoothJumpState, JointTargets, SmoothJumpInfo]:
-    """One control period; robot.contact (4,) is the feet's force, N, and position_mode a share."""
+    """One control period; robot.contact (4,) is the feet's force, N, and position_mode a share.
+
+    contact_force: from which a foot counts as on the ground, N.
+    """
     geometry = settings.geometry
     legs = leg_kinematics(geometry, robot.q)
     feet_W = robot.r_WB[None] + mv(robot.R_WB[None], legs.r_BF_B)
-    state = _advance(widths, settings, state, robot, time)
+    state = _advance(widths, contact_force, settings, state, robot, time)
     flown = state.take_off.share
 
     launching = (time >= settings.crouch_time).astype(jnp.float32)
@@ -109,18 +112,23 @@ def control(
 
 
 def _advance(
-    widths: Widths, settings: SquatJumpSettings, state: SmoothJumpState, robot: RobotState, time: Array
+    widths: Widths,
+    contact_force: float,
+    settings: SquatJumpSettings,
+    state: SmoothJumpState,
+    robot: RobotState,
+    time: Array,
 ) -> SmoothJumpState:
     """Shares of take-off and touch-down after this tick."""
     rate, flown = robot.v_WB[2], state.take_off.share
     late = settings.crouch_time + settings.launch_time + OVERTIME
     launching = ((time > settings.crouch_time) & (time <= late)).astype(jnp.float32)
-    unloaded = jnp.prod(step(CONTACT_FORCE + widths.take_off - robot.contact, widths.take_off))
+    unloaded = jnp.prod(step(contact_force + widths.take_off - robot.contact, widths.take_off))
     leave = launching * unloaded * step(rate - RISING, widths.rate)
     entry = jnp.stack([robot.r_WB[2], rate])
     take_off = state.take_off.risen_to(flown + (1.0 - flown) * leave, time, entry)
 
-    pressed = any_of(step(robot.contact - CONTACT_FORCE, widths.contact_force))
+    pressed = any_of(step(robot.contact - contact_force, widths.contact_force))
     touch = flown * pressed * step(-rate, widths.rate)
     return state._replace(take_off=take_off, touched=state.touched + (1.0 - state.touched) * touch)
 

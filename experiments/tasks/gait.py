@@ -20,10 +20,10 @@ from experiments.files import shown
 from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
-from experiments.sensing import CONTACT_FORCE, rotation_matrix
 from experiments.tasks.definition import TaskDefinition, check_weights
 from experiments.tasks.gait_parameters import check_names, controller_from_settings, with_values
 from experiments.trial import Trial
+from mjx_starleth.rotation import rotation_matrix
 
 Array = jax.Array
 
@@ -83,6 +83,7 @@ class GaitTask:
     names: tuple[str, ...]  # of the searched parameters
     ticks: int
     period: float
+    contact_force: float  # N from which a foot counts as on the ground
     settings: GaitSettings
     weights: dict[str, float]
 
@@ -142,7 +143,7 @@ class GaitTask:
         fallen = jnp.maximum(tally.fallen, as_float(down))
         up = 1.0 - fallen
         settled = up * as_float(tick.time >= self.settled)
-        pressed = (bodies.contact_force**2).sum(-1) >= CONTACT_FORCE**2
+        pressed = (bodies.contact_force**2).sum(-1) >= self.contact_force**2
         aloft = 1.0 - as_float(pressed.any())
         off_plan = jnp.abs(as_float(pressed) - info.planned_stance).mean()
         heading = R[:, 0] - normal * (R[:, 0] * normal).sum()
@@ -266,8 +267,9 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
         flight=jnp.float32(definition.settings["flight"]),
         turn_start=jnp.float32(definition.settings["turn_start"]),
     )
-    period = numbers["loops"]["control_period"]
-    made = GaitTask(task, names, round(definition.duration / period), period, settings, definition.weights)
+    period, contact_force = numbers["loops"]["control_period"], numbers["contact"]["contact_flag_force"]
+    ticks = round(definition.duration / period)
+    made = GaitTask(task, names, ticks, period, contact_force, settings, definition.weights)
     if definition.duration <= made.settled:
         raise UserError(
             f"Task {task}: {definition.duration:g} s are too short: the gait is judged from {made.settled:g} s on."

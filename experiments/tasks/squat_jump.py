@@ -16,7 +16,6 @@ from experiments.files import shown
 from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
-from experiments.sensing import CONTACT_FORCE
 from experiments.tasks.definition import TaskDefinition, check_weights
 from experiments.trial import Trial
 from mjx_starleth.rotation import rotation_matrix
@@ -77,6 +76,7 @@ class SquatJumpTask:
     name: str
     ticks: int
     period: float
+    contact_force: float  # N from which a foot counts as on the ground
     settings: SquatJumpSettings
     weights: dict[str, float]
 
@@ -107,7 +107,7 @@ class SquatJumpTask:
     def observe(self, tally: Tally, tick: Tick) -> Tally:
         dt, info, bodies = self.period, tick.info, tick.output.bodies
         q = tick.after.bodies.q
-        pressed = (bodies.contact_force**2).sum(-1) >= CONTACT_FORCE**2
+        pressed = (bodies.contact_force**2).sum(-1) >= self.contact_force**2
         aloft = 1.0 - as_float(pressed.any())
         flying = as_float(info.phase == squat_jump.FLIGHT)
         landing = as_float(info.phase == squat_jump.LANDING)
@@ -213,4 +213,6 @@ def make_task(definition: TaskDefinition, model: Model) -> SquatJumpTask:
     shortest = float(settings.crouch_time + settings.launch_time) + OVERTIME + STANDING_TIME
     if definition.duration < shortest:
         raise UserError(f"Task {definition.task}: a duration of {definition.duration:g} s is too short for a jump.")
-    return SquatJumpTask(definition.task, round(definition.duration / period), period, settings, definition.weights)
+    contact_force = numbers["contact"]["contact_flag_force"]
+    ticks = round(definition.duration / period)
+    return SquatJumpTask(definition.task, ticks, period, contact_force, settings, definition.weights)

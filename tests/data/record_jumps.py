@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from experiments.imu_sensing import make_sensing
 from experiments.model import load_model
 from experiments.plant import make_plant
 from experiments.rollout import Rollout, Score, Tick
-from experiments.sensing import DirectSensing
 from experiments.tasks.definition import load_task
 from experiments.tasks.registry import make_task
 from experiments.trial import Trial, noise_table
@@ -44,7 +44,7 @@ def main() -> None:
 def jumps() -> tuple[Score, Tick]:
     """The three jumps, and their ticks from FIRST to LAST one jump after the other."""
     model, definition = load_model(None), load_task("squat_jump")
-    rollout = Rollout(make_plant(model), make_task(definition, model), DirectSensing())
+    rollout = Rollout(make_plant(model), make_task(definition, model), make_sensing("direct", model))
     noise = noise_table()
 
     def jump(values, numbers, start):

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from experiments.imu_sensing import make_sensing
 from experiments.model import Model, nominal_model
 from experiments.plant import make_plant
 from experiments.tasks.definition import load_task
 from experiments.tasks.registry import make_task
 from experiments.tasks.squat_jump import leg_lengths
+from experiments.trial import NOISE_COLUMNS
 from mjx_starleth import robot_numbers
 
 SHIPPED = load_task("squat_jump")
@@ -42,6 +44,21 @@ def test_bodies_drives_and_controller_keep_the_control_period_of_the_robot() -> 
     plant, task = make_plant(model), make_task(SHIPPED, model)
     found = (plant.bodies.period, plant.periods.control, task.period, task.settings.control_period)
     np.testing.assert_allclose(found, 5e-3)
+
+
+def test_a_foot_counts_as_on_the_ground_from_the_force_that_the_robot_file_names() -> None:
+    numbers = nominal_model().numbers.model_dump(mode="json")
+    numbers["contact"]["contact_flag_force"] = 40.0
+    model = Model(numbers=robot_numbers(numbers))
+    plant = make_plant(model)
+    force = jnp.asarray([[0.0, 0.0, 39.0], [0.0, 30.0, 30.0], [0.0, 0.0, 0.0], [0.0, 0.0, 41.0]])
+    state = plant.initial_state(plant.params, jnp.asarray(plant.bodies.stance), jnp.zeros(12))
+    state, measured = plant.measure(plant.params, state._replace(contact_force=force))
+    for name in ("direct", "estimated"):
+        sensing = make_sensing(name, model)
+        _, robot, _ = sensing.step(sensing.start(state), state, measured, jnp.zeros(NOISE_COLUMNS))
+        np.testing.assert_array_equal(robot.contact, [0, 1, 0, 1], err_msg=name)
+    assert make_task(SHIPPED, model).contact_force == make_task(load_task("bound"), model).contact_force == 40.0
 
 
 @pytest.mark.parametrize(("before_stop", "charged"), [(0.2, 0.0), (0.06, 0.0), (0.03, 0.02), (-0.01, 0.06)])
