@@ -13,11 +13,11 @@ from experiments.independent_plant.bench_bodies import LOADS, Load, stick_slip
 from experiments.independent_plant.drive import STEP, Command
 from experiments.independent_plant.hooks import hooked
 from experiments.independent_plant.library import families_of
+from experiments.independent_plant.log_setup import LogSetup, hanging
 from experiments.independent_plant.motions import bench_course
 from experiments.independent_plant.numbers import Array, DriveNumbers, nominal_drive
 from experiments.independent_plant.plant import Recording, simulate
 from experiments.independent_plant.sensors import Sensors
-from experiments.independent_plant.setup import LogSetup, hanging
 
 RIGID_PERIOD = 1e-3  # s
 RIGID_KP, RIGID_KD = 60.0, 6.0  # N m/rad, N m s/rad of the rigid bench's own controller, per 0.3 kg m^2

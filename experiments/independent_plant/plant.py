@@ -22,6 +22,7 @@ from experiments.independent_plant.drive import (
 )
 from experiments.independent_plant.hooks import hooked
 from experiments.independent_plant.library import families_of
+from experiments.independent_plant.log_setup import LogSetup, Start, changes_of
 from experiments.independent_plant.numbers import (
     UNCERTAIN,
     Array,
@@ -30,7 +31,6 @@ from experiments.independent_plant.numbers import (
     per_kind,
 )
 from experiments.independent_plant.sensors import Sensors
-from experiments.independent_plant.setup import LogSetup, Start, changes_of
 
 PERIOD = CONTROL_STEPS * STEP  # s, of the rows
 LOAD_STEPS = 10  # the bearings' radial load is taken anew every 1 ms

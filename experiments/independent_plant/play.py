@@ -12,10 +12,10 @@ from experiments.errors import UserError
 from experiments.independent_plant.drive import Command
 from experiments.independent_plant.leg_geometry import rotation, stance_angles
 from experiments.independent_plant.library import Effect
+from experiments.independent_plant.log_setup import LogSetup, Start, hanging, standing
 from experiments.independent_plant.logs import columns, robot_info, write_log
 from experiments.independent_plant.numbers import JOINT_NAMES, Array
 from experiments.independent_plant.plant import PERIOD, Plant, Recording, run, simulate
-from experiments.independent_plant.setup import LogSetup, Start, hanging, standing
 
 AIR_HEIGHT = 0.42  # m, the stance that legs in the air start from where no position is commanded
 

@@ -8,10 +8,10 @@ import numpy as np
 from experiments.independent_plant.bench import RIGID_PERIOD, elastic_bench, rigid_bench
 from experiments.independent_plant.bench_bodies import LOADS, nominal_load
 from experiments.independent_plant.library import Effect
+from experiments.independent_plant.log_setup import LogSetup, hanging, standing
 from experiments.independent_plant.numbers import KINDS, BodyNumbers
 from experiments.independent_plant.plant import PERIOD, Recording, simulate
 from experiments.independent_plant.sensors import SensorSettings
-from experiments.independent_plant.setup import LogSetup, hanging, standing
 from experiments.independent_plant.stance import STAND, GroundController, air_controller, hop_course, squat_course
 
 SETTLE = 0.5  # s on the ground before a log begins, for feet and drives to come to rest

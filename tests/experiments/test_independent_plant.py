@@ -20,12 +20,12 @@ from experiments.independent_plant.cases import benchmark
 from experiments.independent_plant.drive import STEP, Command, Drive, JointController, Measured
 from experiments.independent_plant.generate import generate
 from experiments.independent_plant.library import FAMILIES, LIBRARY, OUTSIDERS, Effect
+from experiments.independent_plant.log_setup import LogSetup, hanging, standing
 from experiments.independent_plant.numbers import JOINT_NAMES, BodyNumbers, joints_at, nominal_drive
 from experiments.independent_plant.plant import PERIOD, Plant, Recording, simulate
 from experiments.independent_plant.play import Targets, play_command, replay_jump
 from experiments.independent_plant.runner import Case, record
 from experiments.independent_plant.sensors import NOISE_STD, SensorSettings
-from experiments.independent_plant.setup import LogSetup, hanging, standing
 from experiments.independent_plant.stance import STAND, GroundController, squat_course
 from experiments.independent_plant.strength import parameter_for, strength
 from experiments.measurement.log_reader import read_log
