@@ -7,6 +7,7 @@ from typing import Any
 from experiments.measurement.fault_search import FaultSearch, Finding
 from experiments.measurement.faults import Fault, listed
 from experiments.measurement.log import Log, si_unit, signal_names
+from experiments.measurement.noise_claims import noise_claims
 from experiments.measurement.resample import resample
 from experiments.measurement.time_faults import time_faults
 from experiments.measurement.units import CONVERSIONS
@@ -16,10 +17,12 @@ from experiments.measurement.value_faults import value_faults
 def check(log: Log, numbers: Mapping[str, Any]) -> list[Fault]:
     """The data faults of a log, none if it may be believed; `numbers` are the robot's (unused on a bench).
 
-    Rows and single columns are looked at first; only where they are sound, what columns owe one another.
+    Rows and single columns are looked at first; only where they are sound, what columns owe one another; then what
+    the JSON says of their noise, which a wrong unit would make wrong too.
     """
     faults = list(time_faults(log)) or list(value_faults(log, numbers))
-    return faults or in_words(FaultSearch(resample(log), numbers).run(), log)
+    faults = faults or in_words(FaultSearch(resample(log), numbers).run(), log)
+    return faults or list(noise_claims(log))
 
 
 def in_words(findings: Iterable[Finding], log: Log) -> list[Fault]:
@@ -55,6 +58,12 @@ def _fault(found: Finding, log: Log) -> Fault:
         case "swapped_joints" | "swapped_axes":
             order = "are swapped" if len(repair.names) == 2 else "stand in the wrong order"
             message = f"{what} {order}; put each column under its own name with a column map."
+        case "unrelated":
+            agree = "agree" if many else "agrees"
+            message = (
+                f"{what} {agree} with no other signal at any gain or delay; it is another quantity under this name, or "
+                "the sensor is broken."
+            )
         case _:
             form = "turns from world to torso" if "inverse" in repair.names else "has its scalar part last"
             message = f"base_orientation {form}; the columns are w x y z, torso to world."

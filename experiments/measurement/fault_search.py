@@ -18,11 +18,12 @@ from experiments.measurement.base_links import base_links
 from experiments.measurement.hypotheses import Doubts
 from experiments.measurement.joint_links import bench_links, joint_links
 from experiments.measurement.leg_links import air_links, ground_links
-from experiments.measurement.links import Column, Link, usable_columns
+from experiments.measurement.links import GAIN, Column, Link, usable_columns
 from experiments.measurement.log import Log
 from experiments.measurement.matching import Array, Match
 from experiments.measurement.posture import Posture, posture
 from experiments.measurement.repairs import Repair
+from experiments.measurement.unrelated import unrelated
 from mjx_starleth.names import JOINT_NAMES, LEGS
 
 AnyLink = Link | Posture
@@ -35,6 +36,7 @@ _EXTRA_SIGNAL: Final = 5.0  # of two that explain as much, the one that touches 
 _LEAST_RATIO: Final = 3.0
 _LEAST_SHIFT_RATIO: Final = 2.0
 _LEAST_WRONG: Final = 0.6  # misfit of a link with a sign turned, or a unit of more than 7 times the right one
+_OF_EXPECTED: Final = 0.8  # of the misfit that a known unit makes, if that is less
 _MENDED: Final = 0.1  # misfit that is left by the right repair; hysteresis and play leave more, whatever is shifted
 _BROKEN: Final = 0.1  # misfit that exchanged, flipped and rescaled columns leave at least
 _ALL_EXPLAINED: Final = 0.9  # of what a repair can bring to the links that it touches
@@ -69,6 +71,17 @@ def links_of(log: Log, columns: Mapping[Column, Array], numbers: Mapping[str, An
     return links + list(base_links(columns, period, numbers))
 
 
+def _least_wrong(repair: Repair) -> float:
+    """The misfit that a link has to have before this repair of it is believed."""
+    if repair.kind not in ("sign", "unit"):
+        return 0.0
+    if repair.kind == "sign":
+        return _LEAST_WRONG
+    # a term that is `value` times too large or too small, at the gain that comes nearest
+    seen = repair.value * float(np.clip(1.0 / repair.value, *GAIN))
+    return min(_LEAST_WRONG, _OF_EXPECTED * (1.0 - 2.0 * seen / (1.0 + seen**2)))
+
+
 class FaultSearch:
     """The columns as repaired so far, and how well each link holds."""
 
@@ -93,7 +106,15 @@ class FaultSearch:
         while len(findings) < _MOST_REPAIRS and (found := self._best()):
             self._apply(found.repair)
             findings.append(found)
-        return findings
+        return findings or self._unrelated()
+
+    def _unrelated(self) -> list[Finding]:
+        """Columns that no repair makes agree with the others."""
+        matches = self.matches[False]
+        return [
+            Finding(Repair("unrelated", (signal,), (name,), 0.0, {}), 0.0, 0.0)
+            for signal, name in unrelated(self.links, matches, self.columns, self.period)
+        ]
 
     def _match(self, link: AnyLink, columns: Mapping[Column, Array], still: bool) -> Match:
         """`still`: with hardly any delay, so that a shift makes a difference."""
@@ -140,7 +161,7 @@ class FaultSearch:
         total -= _EXTRA_SIGNAL * (len(repair.signals) - 1)
         ratio, before, after = best
         least = _LEAST_SHIFT_RATIO if still else _LEAST_RATIO
-        wrong = repair.kind not in ("sign", "unit") or before >= _LEAST_WRONG
+        wrong = before >= _least_wrong(repair)
         return Finding(repair, total, share) if ratio >= least and wrong and after <= _MENDED else None
 
     def _best(self) -> Finding | None:

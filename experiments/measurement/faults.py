@@ -13,6 +13,10 @@ FaultKind = Literal[
     "dead_sensor",
     "stuck_sensor",
     "clipped_sensor",
+    "spike",
+    "copied_column",
+    "noise_std",
+    "experiment",
     "quaternion",
     "contact",
     "sign",
@@ -20,6 +24,7 @@ FaultKind = Literal[
     "time_shift",
     "swapped_joints",
     "swapped_axes",
+    "unrelated",
 ]
 
 

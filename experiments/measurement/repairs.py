@@ -14,7 +14,7 @@ from experiments.measurement.links import Column, Columns
 from experiments.measurement.matching import Array
 from experiments.measurement.units import CONVERSIONS
 
-Kind = Literal["sign", "unit", "time_shift", "swapped_joints", "swapped_axes", "quaternion"]
+Kind = Literal["sign", "unit", "time_shift", "swapped_joints", "swapped_axes", "quaternion", "unrelated"]
 
 
 class Origin(NamedTuple):
@@ -27,7 +27,10 @@ class Origin(NamedTuple):
 
 @dataclass(frozen=True)
 class Repair:
-    """One hypothesis. `names` are the joints, legs or axes concerned, `value` the factor or the samples of delay."""
+    """One hypothesis; of `unrelated` nothing can be undone.
+
+    `names` are the joints, legs or axes concerned, `value` the factor or the samples of delay.
+    """
 
     kind: Kind
     signals: tuple[str, ...]
@@ -143,7 +146,8 @@ def known_factors(signal: str, gear_ratio: float) -> set[float]:
     """Factors of the units that a signal is likely to be logged in. Any other may be a spring's or a sensor's doing."""
     known = {1.0 / factor for factor in CONVERSIONS.get(_UNITS.get(signal, ""), {}).values() if factor != 1.0}
     # the motor's own side of the gear
-    return known | {gear_ratio} if signal in ("motor_position", "motor_velocity") else known
+    of_motor = {"motor_position": gear_ratio, "motor_velocity": gear_ratio, "joint_torque": 1.0 / gear_ratio}
+    return known | {of_motor[signal]} if signal in of_motor else known
 
 
 def _present(signals: tuple[str, ...], names: Iterable[str], there: Columns) -> list[Column]:

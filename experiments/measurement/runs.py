@@ -37,9 +37,9 @@ class Runs:
         return length > _LONGER * others.max(initial=1) and self.rows * repeats ** (length - 1) < _CHANCE
 
 
-def is_stuck(runs: Runs, values: Array, moves: Array) -> bool:
-    """Whether the column hangs at a value while the quantity moves on: it leaves the run with a jump, or the joint
-    moves (T,) meanwhile, by another sensor."""
+def is_stuck(runs: Runs, values: Array, moves: Array, dithers: bool) -> bool:
+    """Whether the column hangs at a value while the quantity moves on: it leaves the run with a jump, the joint
+    moves (T,) meanwhile by another sensor, or the sensor's noise exceeds its resolution and should go on."""
     steps = np.abs(np.diff(values))
     for place in np.flatnonzero(runs.lengths >= _LEAST_STUCK):
         start, length = int(runs.starts[place]), int(runs.lengths[place])
@@ -50,7 +50,7 @@ def is_stuck(runs: Runs, values: Array, moves: Array) -> bool:
         jump = stop < len(values) and steps[stop - 1] > _JUMP * np.percentile(around, 90)
         travel = float(np.ptp(moves[start:stop])) if len(moves) else 0.0
         repeats = 2.0 * (1.0 + (around == 0.0).sum()) / (2.0 + len(around))
-        if (jump or travel > _TRAVEL) and runs.rows * min(repeats, 1.0) ** (length - 1) < _CHANCE:
+        if (jump or travel > _TRAVEL or dithers) and runs.rows * min(repeats, 1.0) ** (length - 1) < _CHANCE:
             return True
     return False
 

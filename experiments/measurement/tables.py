@@ -51,6 +51,7 @@ _NO_VALUE: Final = ["", "nan", "NaN", "NAN", "NA", "null"]
 
 def read_csv(data: bytes, name: str, zipped: bool, delimiter: str = ",", limits: Limits = LIMITS) -> Columns:
     """All columns of a CSV with one header line as float64, NaN where a cell is empty."""
+    _refuse_other_kind(data, name, zipped)
     header = _csv_header(data, name, zipped, delimiter, limits)
     cells = 0
     blocks: list[pa.Table] = []
@@ -137,6 +138,16 @@ class _Capped(io.RawIOBase):
         return len(part)
 
 
+def _refuse_other_kind(data: bytes, name: str, zipped: bool) -> None:
+    """Files that are no CSV by their first bytes, named for what they are."""
+    gzipped = data.startswith(b"\x1f\x8b")
+    if data and gzipped != zipped:
+        what, ending = ("is gzipped", ".csv.gz") if gzipped else ("is not gzipped", ".csv")
+        raise UserError(f"{name} {what}; give it a name that ends in {ending}, if it is a log.")
+    if data.startswith(b"PK"):
+        raise UserError(f"{name} is a zip archive or a spreadsheet, no CSV; export it as one.")
+
+
 def _lines(data: bytes, zipped: bool, most: int) -> io.TextIOWrapper:
     raw = io.BufferedReader(_Capped(data, zipped, most))
     return io.TextIOWrapper(raw, encoding="utf-8-sig", newline="")
@@ -147,7 +158,9 @@ def _csv_header(data: bytes, name: str, zipped: bool, delimiter: str, limits: Li
     try:
         lines = _lines(data, zipped, limits.unpacked_bytes)
         line = lines.readline(limits.header_bytes)
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
+    except UnicodeDecodeError:
+        raise UserError(f"{name} is no text in UTF-8 but in another encoding, or binary; save it as UTF-8.") from None
+    except (OSError, EOFError, zlib.error) as error:
         raise UserError(f"{name} is not a readable CSV file ({_brief(error)}).") from None
     if len(line) == limits.header_bytes:
         raise UserError(f"{name} has no header line within its first {limits.header_bytes} characters.")
@@ -161,6 +174,8 @@ def _csv_header(data: bytes, name: str, zipped: bool, delimiter: str, limits: Li
             f"{name} has a single column; if {OTHER_DELIMITERS[other]} stand between its columns, say "
             f"delimiter = {json.dumps(other)} in a column map."
         )
+    if row and all(_is_number(cell) for cell in row) and any(cell.strip() for cell in row):
+        raise UserError(f"{name} has no header line: its first line holds numbers; write the columns' names there.")
     return _check_names([column.strip() for column in row], name, limits)
 
 

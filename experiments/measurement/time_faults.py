@@ -5,8 +5,10 @@ from typing import Final
 
 import numpy as np
 
+from experiments.measurement.clock import clock_faults
 from experiments.measurement.faults import Fault, counted
 from experiments.measurement.log import SIGNALS, Log
+from experiments.measurement.lost_rows import lost_without_trace
 from experiments.measurement.matching import Array
 
 LEAST_ROWS: Final = 20  # below, no filter and no fit has anything to work on
@@ -20,8 +22,6 @@ _LEAST_REPEATS: Final = 3
 _MORE_THAN_CHANCE: Final = 20.0
 _MANY_COLUMNS: Final = 6
 _HALF_THE_SAME: Final = 0.6  # share of columns; rows of a noisy log are either nearly all new or all old
-_JUMP: Final = 8.0  # robust standard deviations; a lost row at walking pace makes 50
-_JUMPING: Final = 0.25  # share of the moving joints that have to jump together
 
 
 def time_faults(log: Log) -> Iterator[Fault]:
@@ -43,7 +43,8 @@ def time_faults(log: Log) -> Iterator[Fault]:
         )
         yield Fault("repeated_samples", "time", f"{at}; delete what stands there twice.")
     else:
-        rows = [*_period(log, steps), *_gaps(log, steps), *_repeated(log), *_lost_without_trace(log, steps)]
+        rows = [*_period(log, steps), *_gaps(log, steps), *_repeated(log), *lost_without_trace(log)]
+        rows = rows or list(clock_faults(log))
         yield from rows[:1]
 
 
@@ -102,34 +103,6 @@ def _repeated(log: Log) -> Iterator[Fault]:
             "time",
             f"{len(repeats)} rows repeat older ones in every sensor, first at {log.time[repeats[0]]:.6g} s; "
             "the logger wrote old samples again: delete them or record the log again.",
-        )
-
-
-def _lost_without_trace(log: Log, steps: Array) -> Iterator[Fault]:
-    """Positions that all jump at one row against what their velocities say: rows are gone, time was renumbered."""
-    sides = []
-    for position, velocity in (("motor_position", "motor_velocity"), ("joint_position", "joint_velocity")):
-        p, v = log.joints(position), log.joints(velocity)
-        if p is None or v is None:
-            continue
-        expected = 0.5 * (v[1:] + v[:-1]) * np.minimum(steps, _GAP * log.sample_period)[:, None]
-        surprise = np.diff(p, axis=0) - expected
-        surprise = surprise[:, np.isfinite(surprise).mean(0) > 0.5]
-        spread = 1.4826 * np.nanmedian(np.abs(surprise - np.nanmedian(surprise, axis=0)), axis=0)
-        if spread.size:
-            sides.append((np.abs(surprise) > _JUMP * np.maximum(spread, 1e-12)).mean(1))
-    if not sides:
-        return
-    # a blow makes the links jump, but not the motors behind their springs
-    together = np.min(sides, axis=0)
-    rows = np.flatnonzero((together > _JUMPING) & (steps <= _GAP * log.sample_period))
-    if rows.size:
-        yield Fault(
-            "dropped_samples",
-            "time",
-            f"positions jump against their velocities in {counted(rows.size, 'place')}, first at "
-            f"{log.time[rows[0] + 1]:.6g} s: samples are missing there though the time goes on evenly; "
-            "record the log again or cut it there.",
         )
 
 

@@ -17,7 +17,7 @@ CONVERSIONS: Final[Mapping[str, Mapping[str, float]]] = {
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6},
     "rad/s": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0}
     | {"rpm": _TURN / 60.0, "rev/s": _TURN},
-    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1.0 / 3.6},
     "m/s^2": {"m/s^2": 1.0, "m/s²": 1.0, "mm/s^2": 1e-3, "g": _GRAVITY, "mg": _GRAVITY * 1e-3},
     "N m": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "mNm": 1e-3, "N cm": 1e-2, "Ncm": 1e-2}
     | {"N mm": 1e-3, "Nmm": 1e-3, "kgf cm": _GRAVITY * 1e-2},

@@ -1,15 +1,19 @@
-"""Faults of single columns: no values, a joint that never moves, a sensor that is dead, held or cut off."""
+"""Faults of single columns: no values, a joint that never moves, a sensor that is dead, held, cut off or copied."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
 import numpy as np
 
+from experiments.measurement.copied_columns import copied_columns
 from experiments.measurement.faults import Fault, listed
 from experiments.measurement.log import SIGNALS, Log, SignalTable, signal_names
 from experiments.measurement.matching import Array
+from experiments.measurement.noise_floor import estimated
 from experiments.measurement.runs import Runs, is_clipped, is_stuck
+from experiments.measurement.spikes import spikes
 from experiments.measurement.time_faults import is_measured
+from experiments.measurement.torso_faults import torso_faults
 
 # A few lost values are bridged; a block is a transient that nobody saw
 _BLOCK: Final = 4  # rows
@@ -17,11 +21,8 @@ _MISSING_SHARE: Final = 0.01
 _STILL: Final = 5e-3  # rad (or m): a joint that stays within tells nothing, whatever its sensor's noise
 _COMMANDED: Final = 0.05  # rad: a command that goes further than this should have moved the joint
 _WINDS_UP: Final = 0.9  # correlation of motor position and spring torque
-_UNIT_NORM: Final = 0.02  # a quaternion's norm strays by its noise, 1e-3, not by this
+_SAME_MOTION: Final = 0.99  # correlation of an encoder in a wrong unit with the motor
 _ALOOF: Final = 10.0  # times as far has a joint to go where another signal is to show it
-_CARRIED: Final = 0.5  # of gravity: more than a torso feels whose legs swing in flight
-_FLIGHTS: Final = 0.02  # share of rows without contact from which they are judged
-_GRAVITY_OFF: Final = 3.0  # times; most of the time the ground carries the weight
 
 
 def value_faults(log: Log, numbers: Mapping[str, Any]) -> Iterator[Fault]:
@@ -35,9 +36,9 @@ def value_faults(log: Log, numbers: Mapping[str, Any]) -> Iterator[Fault]:
     for signal, table in log.signals.items():
         if is_measured(signal) and not (log.experiment == "fixed_base" and signal.startswith("base_")):
             yield from _broken_sensor(log, signal, table, still, numbers)
-    yield from _orientation(log)
-    yield from _gravity(log, numbers)
-    yield from _contact(log, numbers)
+    yield from spikes(log)
+    yield from copied_columns(log)
+    yield from torso_faults(log, numbers)
 
 
 def _no_value(log: Log, signal: str) -> Iterator[Fault]:
@@ -110,7 +111,7 @@ def _never_moves(log: Log, still: tuple[str, ...]) -> Iterator[Fault]:
         if (values := log.joints(signal)) is not None:
             moved = np.fmax(moved, _spread(values))
     asked = tuple(name for name, by in zip(log.joint_names, moved, strict=True) if name in still and by > _COMMANDED)
-    driven = tuple(name for name in asked if not _stalls(log, name))
+    driven = tuple(name for name in asked if not _stalls(log, name) and not _follows(log, name))
     idle = tuple(name for name in still if name not in asked)
     if driven:
         where = listed(driven, log.joint_names)
@@ -124,11 +125,22 @@ def _never_moves(log: Log, still: tuple[str, ...]) -> Iterator[Fault]:
 
 def _stalls(log: Log, name: str) -> bool:
     """Whether the motor winds the spring up: the joint really stands, by friction perhaps, and the encoder is right."""
-    motor, torque = log.column("motor_position", name), log.column("joint_torque", name)
-    if motor is None or torque is None:
-        return False
-    there = np.isfinite(motor) & np.isfinite(torque)
-    return bool(np.corrcoef(motor[there], torque[there])[0, 1] > _WINDS_UP)
+    return _correlation(log.column("motor_position", name), log.column("joint_torque", name)) > _WINDS_UP
+
+
+def _follows(log: Log, name: str) -> bool:
+    """Whether the encoder shows every motion of the motor, only too small: its unit is wrong."""
+    return abs(_correlation(log.column("motor_position", name), log.column("joint_position", name))) > _SAME_MOTION
+
+
+def _correlation(one: Array | None, other: Array | None) -> float:
+    """0 where a column lacks or never changes."""
+    if one is None or other is None:
+        return 0.0
+    there = np.isfinite(one) & np.isfinite(other)
+    if not there.any() or np.ptp(one[there]) == 0 or np.ptp(other[there]) == 0:
+        return 0.0
+    return float(np.corrcoef(one[there], other[there])[0, 1])
 
 
 def _held_on_purpose(name: str, idle: tuple[str, ...], log: Log) -> bool:
@@ -156,7 +168,8 @@ def _broken_sensor(
             continue
         clipped[place] = is_clipped(runs, values, limit)
         moves = _motion(log, signal, name, np.isfinite(column))
-        stuck[place] = not clipped[place] and is_stuck(runs, values, moves)
+        dithers = signal.startswith("base_") and _dithers(values, runs)
+        stuck[place] = not clipped[place] and is_stuck(runs, values, moves, dithers)
     kinds = (
         ("dead_sensor", dead, "reads the same value throughout; repair the sensor or leave the column out."),
         ("stuck_sensor", stuck, "hangs at one value for many rows; cut these rows off or record the log again."),
@@ -166,6 +179,11 @@ def _broken_sensor(
         if flags.any():
             where = listed(_chosen(table, flags), signal_names(signal, log.joint))
             yield Fault(fault, where, f"{signal} of {where} {message}")
+
+
+def _dithers(values: Array, runs: Runs) -> bool:
+    """Whether noise exceeds the resolution: then a sensor never rests, whatever it measures."""
+    return estimated(values[:, None]) > float(np.abs(np.diff(values[runs.starts])).min())
 
 
 def _motion(log: Log, signal: str, name: str, rows: Array) -> Array:
@@ -183,45 +201,6 @@ def _motion(log: Log, signal: str, name: str, rows: Array) -> Array:
         position = log.column("joint_position", name)
         travel = None if position is None else position / _ALOOF
     return np.zeros(0) if travel is None or np.isnan(travel[rows]).any() else travel[rows]
-
-
-def _contact(log: Log, numbers: Mapping[str, Any]) -> Iterator[Fault]:
-    """No foot on the ground, and yet the torso does not fall."""
-    contact, acceleration = log.vector("foot_contact"), log.vector("base_acceleration")
-    if contact is None or acceleration is None or log.experiment != "ground" or np.isnan(contact).any():
-        return
-    felt = np.linalg.norm(acceleration, axis=1)
-    flying = (contact < 0.5).all(1) & np.isfinite(felt)
-    carried = flying & (felt > _CARRIED * numbers["gravity"])
-    if flying.mean() > _FLIGHTS and carried.sum() > 0.5 * flying.sum():
-        message = (
-            f"foot_contact says that no foot stands in {int(flying.sum())} rows, in most of which the torso does not "
-            "fall; 1 is contact, 0 is none: turn it with 'scale = -1' and 'offset = 1' in a column map."
-        )
-        yield Fault("contact", "feet", message)
-
-
-def _orientation(log: Log) -> Iterator[Fault]:
-    quaternion = log.vector("base_orientation")
-    if quaternion is None:
-        return
-    norm = float(np.nanmedian(np.linalg.norm(quaternion, axis=1)))
-    if abs(norm - 1.0) > _UNIT_NORM:
-        message = f"base_orientation is no unit quaternion (its norm is {norm:.3g}); the columns are w x y z."
-        yield Fault("quaternion", "torso", message)
-
-
-def _gravity(log: Log, numbers: Mapping[str, Any]) -> Iterator[Fault]:
-    acceleration = log.vector("base_acceleration")
-    if acceleration is None or log.joint is not None:
-        return
-    g, usual = numbers["gravity"], float(np.nanmedian(np.linalg.norm(acceleration, axis=1)))
-    if not g / _GRAVITY_OFF < usual < g * _GRAVITY_OFF:
-        message = (
-            f"base_acceleration is {usual:.3g} on the average where a sensor at rest reads {g:g} m/s^2; "
-            "log what the sensor reads, gravity included, and name its unit."
-        )
-        yield Fault("unit", "torso", message)
 
 
 def _chosen(table: SignalTable, flags: Array) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from experiments.independent_plant.logs import columns, robot_info, write_log
 from experiments.independent_plant.runner import Case, record
 from experiments.independent_plant.strength import reachable
 from experiments.measurement.check import check
+from experiments.measurement.copied_columns import copied_columns
 from experiments.measurement.log import Log, SignalTable
 from experiments.measurement.log_info import LogInfo
 from experiments.measurement.log_reader import make_log, read_log
@@ -73,6 +75,15 @@ def hanging(start: int, stop: int) -> Change:
     )
 
 
+def shuffled(values: np.ndarray) -> np.ndarray:
+    """The same values in no order: what a sensor reads that is not connected."""
+    return np.random.default_rng(3).permutation(values)
+
+
+def leaping(row: int, by: float) -> Change:
+    return lambda values: values + by * (np.arange(len(values)) == row)[:, None]
+
+
 def test_sound_logs_have_no_fault(air: Log, squat: Log) -> None:
     assert check(air, NUMBERS) == [] == check(squat, NUMBERS)
 
@@ -99,6 +110,13 @@ def swapped(values: np.ndarray) -> np.ndarray:
         (("joint_velocity",), (), lambda x: np.clip(x, -0.5, 0.5), "clipped_sensor", "joint_velocity"),
         (("joint_velocity",), ("RF_KFE",), hanging(200, 260), "stuck_sensor", "joint_velocity of RF_KFE"),
         (("joint_torque",), ("LF_HFE",), hanging(300, 600), "stuck_sensor", "joint_torque of LF_HFE"),
+        (("joint_position",), (), lambda x: x / DEGREES, "unit", "joint_position of all joints"),
+        (("motor_position",), (), lambda x: x / (2.0 * np.pi), "unit", "in rev, not in rad"),
+        (("joint_torque",), (), lambda x: 0.01 * x, "unit", "0.01 times what the other signals say"),
+        (("joint_velocity",), ("RF_KFE",), shuffled, "unrelated", "joint_velocity of RF_KFE agrees with no other"),
+        (("joint_torque",), ("LH_HFE",), shuffled, "unrelated", "joint_torque of LH_HFE agrees with no other"),
+        (("motor_position",), ("LH_HFE",), leaping(250, 0.1), "spike", "in 1 place, first at 0.625 s"),
+        (("joint_torque",), ("LF_HAA", "RF_HFE"), lambda x: x[:, [0, 0]], "copied_column", "joint_torque/RF_HFE hold"),
     ],
 )
 def test_a_fault_of_columns_is_named(air: Log, signals, names, change, fault: str, named: str) -> None:
@@ -130,6 +148,15 @@ def test_dropped_and_repeated_samples_are_found_whatever_the_time_says(air: Log,
     assert again.fault == "repeated_samples"
 
 
+def test_legs_that_move_alike_without_noise_are_no_copies(air: Log) -> None:
+    tables = {
+        signal: SignalTable(table.names, table.values[:, np.arange(12) % 3]) for signal, table in air.signals.items()
+    }
+    alike = air.with_signals(tables)
+    assert list(copied_columns(replace(alike, noise_std={}))) == []
+    assert len(list(copied_columns(alike))) == 1
+
+
 def test_time_in_another_unit_or_running_backwards_is_named(air: Log) -> None:
     (unit,) = check(air.on_time(1e3 * air.time, air.sample_period, air.signals), NUMBERS)
     assert unit.fault == "unit" and "in ms" in unit.message
@@ -137,6 +164,34 @@ def test_time_in_another_unit_or_running_backwards_is_named(air: Log) -> None:
     back[[50, 51]] = back[[51, 50]]
     (order,) = check(air.on_time(back, air.sample_period, air.signals), NUMBERS)
     assert order.fault == "time" and "backwards" in order.message
+
+
+def test_rows_left_out_or_a_period_in_another_unit_show_in_velocities_against_positions(slow: Log) -> None:
+    (thinned,) = check(with_rows(slow, np.arange(0, slow.rows, 2), renumbered=True), NUMBERS)
+    assert thinned.fault == "time" and "0.005 s apart, not 0.0025 s" in thinned.message
+    (unit,) = check(slow.on_time(1e3 * slow.time, 1e3 * slow.sample_period, slow.signals), NUMBERS)
+    assert unit.fault == "time" and "0.0025 s apart, not 2.5 s" in unit.message
+
+
+def test_the_torso_s_sensors_are_checked_too(slow: Log) -> None:
+    for changed, fault, named in (
+        (
+            with_columns(slow, ("base_acceleration",), ("z",), hanging(600, 800)),
+            "stuck_sensor",
+            "base_acceleration of z",
+        ),
+        (with_columns(slow, ("base_linear_velocity",), (), lambda x: 3.6 * x), "unit", "in km/h, not in m/s"),
+        (replace(slow, experiment="fixed_base"), "experiment", "base_position moves"),
+    ):
+        (found,) = check(changed, NUMBERS)
+        assert found.fault == fault and named in found.message, found
+
+
+def test_a_noise_std_that_the_samples_contradict_is_named(air: Log) -> None:
+    for factor, shown in ((1e3, "its samples scatter by"), (1e-6, "it is logged in steps of")):
+        claimed = dict(air.noise_std) | {"joint_position": factor * air.noise_std["joint_position"]}
+        (found,) = check(replace(air, noise_std=claimed), NUMBERS)
+        assert (found.fault, found.where) == ("noise_std", "joint_position") and shown in found.message
 
 
 def test_faults_of_the_joints_are_found_on_the_ground_too(squat: Log) -> None:
@@ -172,6 +227,12 @@ def slow() -> Log:
 def test_a_shift_in_a_slow_motion_shows_in_the_loops_answer_to_the_sensors_noise(slow: Log, signal, names, by) -> None:
     (found,) = check(with_columns(slow, (signal,), names, late(by)), NUMBERS)
     assert found.fault == "time_shift" and signal in found.message and f" {by} samples" in found.message, found
+
+
+def test_a_single_lost_row_shows_in_all_motors_though_time_was_renumbered(slow: Log) -> None:
+    for row in range(100, 701, 100):
+        (lost,) = check(with_rows(slow, np.delete(np.arange(slow.rows), row), renumbered=True), NUMBERS)
+        assert lost.fault == "dropped_samples" and f"in 1 place, first at {slow.time[row]:g} s" in lost.message
 
 
 def test_contacts_the_wrong_way_round_are_told_from_flight(slow: Log) -> None:

@@ -140,3 +140,20 @@ def test_another_delimiter_is_guessed_in_the_message(tmp_path: Path) -> None:
     (tmp_path / "log.json").write_text('{"robot": "starleth", "experiment": "fixed_base", "sample_period": 0.0025}')
     with pytest.raises(UserError, match='delimiter = ";"'):
         read_log(tmp_path / "log.csv")
+
+
+@pytest.mark.parametrize(
+    ("ending", "change", "named"),
+    [
+        ("csv", lambda text: text.encode("utf-16"), "no text in UTF-8"),
+        ("csv", lambda text: gzip.compress(text.encode()), r"is gzipped; .* \.csv\.gz"),
+        ("csv.gz", lambda text: text.encode(), r"is not gzipped; .* \.csv"),
+        ("csv", lambda text: text.partition("\n")[2].encode(), "has no header line"),
+        ("csv", lambda text: b"PK\x03\x04" + text.encode(), "a zip archive or a spreadsheet"),
+    ],
+)
+def test_a_file_of_another_kind_is_named_for_what_it_is(tmp_path: Path, ending: str, change, named: str) -> None:
+    text = gzip.decompress(SOURCE.read_bytes()).decode()
+    beside(tmp_path / f"run.{ending}").write_bytes(change(text))
+    with pytest.raises(UserError, match=named):
+        read_log(tmp_path / f"run.{ending}")
