@@ -144,7 +144,9 @@ def reorder_quaternion(there: Columns) -> Iterator[Repair]:
 
 def known_factors(signal: str, gear_ratio: float) -> set[float]:
     """Factors of the units that a signal is likely to be logged in. Any other may be a spring's or a sensor's doing."""
-    known = {1.0 / factor for factor in CONVERSIONS.get(_UNITS.get(signal, ""), {}).values() if factor != 1.0}
+    units = CONVERSIONS.get(_UNITS.get(signal, ""), {})
+    known = {1.0 / factor for factor in units.values() if factor != 1.0}
+    known |= {units[unit] for unit in ("deg", "deg/s") if unit in units}  # turned into radians once too often
     # the motor's own side of the gear
     of_motor = {"motor_position": gear_ratio, "motor_velocity": gear_ratio, "joint_torque": 1.0 / gear_ratio}
     return known | {of_motor[signal]} if signal in of_motor else known
