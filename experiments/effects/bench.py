@@ -6,7 +6,8 @@ effect's numbers count at the joint, and what size is plausible follows from the
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -100,24 +101,17 @@ def bench_effects(library: Mapping[str, Effect], prismatic: bool) -> dict[str, E
     able = {GRAVITY_LOAD.name: GRAVITY_LOAD} | able
     hidden = SAME_AS_GEAR | ({GRAVITY_LOAD.name} if prismatic else set())
     able = {name: effect for name, effect in able.items() if name not in hidden}
-    return {name: _with(effect, lambda p: _open(p, prismatic)) for name, effect in able.items()}
+    return {name: _with(effect, partial(_open, prismatic)) for name, effect in able.items()}
 
 
-def sized(effects: Mapping[str, Effect], library: Mapping[str, Effect], scale: Scale, viscous: float) -> dict:
+def sized(
+    effects: Mapping[str, Effect], library: Mapping[str, Effect], scale: Scale, viscous: float
+) -> dict[str, Effect]:
     """bench_effects with starts and bounds for a log's scale; `viscous` is the nominal viscous friction."""
     found = {}
     for name, effect in effects.items():
-        original = library.get(name, effect)
-        units = {p.name: p.unit for p in original.parameters}
-        by_name = {p.name: p for p in original.parameters}
-
-        def sized_one(p: Parameter, name=name, units=units, by_name=by_name) -> Parameter:
-            dimension = DIMENSIONS.get(units[p.name])
-            if dimension is None:
-                return p
-            return _sized(p, by_name[p.name], dimension.natural(scale), _lowest(name, viscous))
-
-        found[name] = _with(effect, sized_one)
+        originals = {p.name: p for p in library.get(name, effect).parameters}
+        found[name] = _with(effect, partial(_sized, originals, scale, _lowest(name, viscous)))
     return found
 
 
@@ -126,7 +120,11 @@ def _lowest(effect: str, viscous: float) -> float:
     return {"coulomb_friction": 0.0, "viscous_friction": -viscous}.get(effect, -UNBOUNDED)
 
 
-def _sized(p: Parameter, original: Parameter, natural: float, lowest: float) -> Parameter:
+def _sized(originals: Mapping[str, Parameter], scale: Scale, lowest: float, p: Parameter) -> Parameter:
+    original = originals[p.name]
+    if original.unit not in DIMENSIONS:
+        return p
+    natural = DIMENSIONS[original.unit].natural(scale)
     if p.role == "shape":
         ratio = SHAPE_START * natural / original.start
         return dataclasses.replace(
@@ -137,7 +135,7 @@ def _sized(p: Parameter, original: Parameter, natural: float, lowest: float) -> 
     return dataclasses.replace(p, low=low, high=MOST * natural, start=max(start, low))
 
 
-def _open(p: Parameter, prismatic: bool) -> Parameter:
+def _open(prismatic: bool, p: Parameter) -> Parameter:
     dimension = DIMENSIONS.get(p.unit)
     if dimension is None:
         return p
@@ -145,5 +143,5 @@ def _open(p: Parameter, prismatic: bool) -> Parameter:
     return dataclasses.replace(p, unit=unit, low=0.0 if p.low >= 0 else -UNBOUNDED, high=UNBOUNDED)
 
 
-def _with(effect: Effect, change) -> Effect:
+def _with(effect: Effect, change: Callable[[Parameter], Parameter]) -> Effect:
     return dataclasses.replace(effect, parameters=tuple(change(p) for p in effect.parameters))
