@@ -1,40 +1,25 @@
 """Progress of a search on the terminal: stage, generations, best so far, time left."""
 
-import time
 from pathlib import Path
 from typing import Any, Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.progress import Progress as Bar
 
 from es import Descent, Progress, SearchInterrupted
+from experiments.cli.bar import INTERRUPTED, Bar
 from experiments.distributed import is_first
 from experiments.export import Judged
 from experiments.refinement import RefinementInterrupted
 from experiments.tasks.definition import TaskDefinition
 
-INTERRUPTED = 130
-QUIET = 10.0  # s between lines where there is no terminal to draw a bar on
 
-
-class SearchProgress:
-    """A bar on stderr; turns an interrupt into a message that says how to go on."""
+class SearchProgress(Bar):
+    """The bar; turns an interrupt into a message that says how to go on."""
 
     def __init__(self, definition: TaskDefinition, folder: Path, refine: int = 0) -> None:
         self.definition, self.folder, self.refine = definition, folder, refine
         self.refining = None
-        self.console = Console(stderr=True, quiet=not is_first())
-        self.told = time.monotonic()
-        self.bar = Bar(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("best {task.fields[best]}"),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=self.console,
-        )
+        super().__init__("best {task.fields[best]}", Console(stderr=True, quiet=not is_first()))
 
     def __enter__(self) -> Self:
         total = sum(stage.generations for stage in self.definition.stages)
@@ -47,9 +32,7 @@ class SearchProgress:
         last = progress.history[-1]
         name = self.definition.stages[last.stage].name
         self.bar.update(self.task, completed=progress.generations, description=name, best=f"{last.stage_best_cost:.3f}")
-        if not self.console.is_terminal and time.monotonic() - self.told > QUIET:
-            self.told = time.monotonic()
-            self.say(f"{name}: generation {progress.generations}, best {last.stage_best_cost:.3f}")
+        self.say_now_and_then(f"{name}: generation {progress.generations}, best {last.stage_best_cost:.3f}")
 
     def refined(self, descent: Descent) -> None:
         """After every step of the refinement."""
@@ -57,12 +40,7 @@ class SearchProgress:
             self.refining = self.bar.add_task("refinement", total=self.refine, best="…")
         steps = len(descent.history)
         self.bar.update(self.refining, completed=steps, best=f"{descent.cost:.3f}")
-        if not self.console.is_terminal and time.monotonic() - self.told > QUIET:
-            self.told = time.monotonic()
-            self.say(f"refinement: step {steps}, cost {descent.cost:.3f}")
-
-    def say(self, text: str) -> None:
-        self.console.print(text, highlight=False, soft_wrap=True)
+        self.say_now_and_then(f"refinement: step {steps}, cost {descent.cost:.3f}")
 
     def finish(self, judged: Judged) -> None:
         """One line about the result."""

@@ -1,34 +1,20 @@
 """Progress of perturbed trials on the terminal: done, success so far, time left."""
 
-import time
 from pathlib import Path
 from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from experiments.cli.bar import INTERRUPTED, Bar
 from experiments.robustness.file import RobustnessFile
 
-INTERRUPTED = 130
-QUIET = 10.0  # s between lines where there is no terminal to draw a bar on
 
-
-class RobustnessProgress:
-    """A bar on stderr; turns an interrupt into a message that says how to go on."""
+class RobustnessProgress(Bar):
+    """The bar; turns an interrupt into a message that says how to go on."""
 
     def __init__(self, trials: int, folder: Path) -> None:
         self.trials, self.folder, self.done = trials, folder, 0
-        self.console = Console(stderr=True)
-        self.told = time.monotonic()
-        self.bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[success]}"),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=self.console,
-        )
+        super().__init__("{task.fields[success]}", Console(stderr=True))
 
     def __enter__(self) -> Self:
         self.bar.start()
@@ -40,12 +26,7 @@ class RobustnessProgress:
         self.done = done
         success = f"{successes / done:.1%} succeed"
         self.bar.update(self.task, completed=done, description="trials", success=success)
-        if not self.console.is_terminal and time.monotonic() - self.told > QUIET:
-            self.told = time.monotonic()
-            self.say(f"{done} of {self.trials} trials, {success}")
-
-    def say(self, text: str) -> None:
-        self.console.print(text, highlight=False, soft_wrap=True)
+        self.say_now_and_then(f"{done} of {self.trials} trials, {success}")
 
     def finish(self, found: RobustnessFile) -> None:
         """Two lines about the result."""
