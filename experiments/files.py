@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from experiments.errors import UserError
 
@@ -31,6 +31,12 @@ _FULL_DISK: Final = {
     errno.EDQUOT: "the disk quota is used up",
     errno.EFBIG: "the file would be larger than this system allows",
 }
+
+
+class Strict(BaseModel):
+    """A record in a file from strangers: unknown keys are refused, nothing is changed afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 def shown(path: Path | str) -> str:

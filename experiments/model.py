@@ -9,14 +9,14 @@ import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+from pydantic import Field, FiniteFloat, ValidationError
 
 from experiments.effects.bench import bench_effects, elastic_effects
 from experiments.effects.effect import Effect
 from experiments.effects.library import LIBRARY, find_effect
 from experiments.effects.places import mask
 from experiments.errors import UserError
-from experiments.files import first_complaint, read_json, shown, write_json
+from experiments.files import Strict, first_complaint, read_json, shown, write_json
 from mjx_starleth.names import JOINT_NAMES
 from mjx_starleth.numbers import RobotNumbers, load_numbers
 
@@ -24,11 +24,7 @@ SCHEMA_VERSION = 1
 MAX_BYTES = 4_000_000
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class FittedValue(_Strict):
+class FittedValue(Strict):
     """A number with its 95 % interval where it was fitted."""
 
     value: FiniteFloat
@@ -36,7 +32,7 @@ class FittedValue(_Strict):
     unit: str = ""
 
 
-class PlacedEffect(_Strict):
+class PlacedEffect(Strict):
     """An effect of the library (or of a user's file), where it acts, and its parameters."""
 
     effect: Annotated[str, Field(max_length=80)]
@@ -48,7 +44,7 @@ class PlacedEffect(_Strict):
         return {name: fitted.value for name, fitted in self.parameters.items()}
 
 
-class JointNumbers(_Strict):
+class JointNumbers(Strict):
     """A single joint on a bench (LOGS: `robot: joint`)."""
 
     name: str
@@ -59,7 +55,7 @@ class JointNumbers(_Strict):
     drive: Literal["rigid", "HAA", "HFE", "KFE"] = "rigid"  # or the joint kind whose series-elastic drive turns it
 
 
-class Model(_Strict):
+class Model(Strict):
     """The contents of a model file."""
 
     schema_version: Literal[1] = SCHEMA_VERSION

@@ -9,7 +9,7 @@ from typing import Annotated, Literal, NamedTuple, Self
 import jax
 import jax.numpy as jnp
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, model_validator
 from scipy.special import ndtr, ndtri
 
 from experiments.effects.compose import is_on
@@ -17,7 +17,7 @@ from experiments.effects.effect import Effect
 from experiments.effects.library import LIBRARY
 from experiments.effects.places import mask
 from experiments.errors import UserError
-from experiments.files import first_complaint, read_json, shown
+from experiments.files import Strict, first_complaint, read_json, shown
 from experiments.model import FittedValue, Model, PlacedEffect
 from experiments.tasks.definition import TaskDefinition
 from experiments.trial import DISTURBANCES, NOISE_ROWS, PERTURBATIONS
@@ -28,11 +28,7 @@ CUT = 3.0  # standard deviations at which a bell is cut
 SHIPPED: Mapping[str, str] = {"well_kept": "perturbations.json", "rough": "perturbations_rough.json"}
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Uniform(_Strict):
+class Uniform(Strict):
     """Every value between low and high alike."""
 
     law: Literal["uniform"]
@@ -53,7 +49,7 @@ class Uniform(_Strict):
         return self.low + (self.high - self.low) * unit
 
 
-class Normal(_Strict):
+class Normal(Strict):
     """A bell around mean, cut at three standard deviations."""
 
     law: Literal["normal"]
@@ -69,7 +65,7 @@ class Normal(_Strict):
         return self.mean + self.std * ndtri(low + (high - low) * unit)
 
 
-class Fixed(_Strict):
+class Fixed(Strict):
     """Always the same value."""
 
     law: Literal["fixed"]
@@ -86,7 +82,7 @@ class Fixed(_Strict):
 Law = Annotated[Uniform | Normal | Fixed, Field(discriminator="law")]
 
 
-class Perturbations(_Strict):
+class Perturbations(Strict):
     """The contents of a perturbation file: name of a number of the plant or a disturbance -> its law."""
 
     about: str = ""

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from experiments.errors import UserError
-from experiments.files import first_complaint, read_json, shown
+from experiments.files import Strict, first_complaint, read_json, shown
 
 MAX_BYTES: Final = 1_000_000
 MAX_MEMBERS: Final = 10_000
@@ -28,10 +28,8 @@ _RANGE: Final = re.compile(r"^(\d{1,10})(?:-(\d{1,10}))?$")
 Source = Annotated[str, Field(min_length=1, max_length=1000, pattern=r"^[^\-\s\x00-\x1f\x7f][^\x00-\x1f\x7f]*$")]
 
 
-class Sweep(BaseModel):
+class Sweep(Strict):
     """Schema of a sweep file. Paths in it are relative to the file's folder."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
 
     schema_version: Literal[1] = 1
     about: Annotated[str, Field(max_length=2000)] = ""

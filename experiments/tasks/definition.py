@@ -7,22 +7,18 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import rfc8785
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, ValidationError, model_validator
 
 from es import Parameter, ParameterSpace
 from experiments.errors import UserError
-from experiments.files import first_complaint, read_json, shown
+from experiments.files import Strict, first_complaint, read_json, shown
 from experiments.parameter_schema import ParameterFile
 
 MAX_BYTES = 1_000_000
 MOST_ROLLOUTS = 10_000_000  # of one generation: their scores are held at once
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ParameterDefinition(_Strict):
+class ParameterDefinition(Strict):
     """One searched number."""
 
     name: Annotated[str, Field(max_length=80)]
@@ -32,7 +28,7 @@ class ParameterDefinition(_Strict):
     initial: FiniteFloat
 
 
-class StageDefinition(_Strict):
+class StageDefinition(Strict):
     """One stage of the search: how faithful the plant is, and for how long."""
 
     name: Annotated[str, Field(max_length=80)]
@@ -45,7 +41,7 @@ class StageDefinition(_Strict):
     trials: Annotated[int, Field(ge=1, le=10_000)] = 1  # per candidate
 
 
-class TaskDefinition(_Strict):
+class TaskDefinition(Strict):
     """The contents of a task file. `settings` are the task's own fixed numbers."""
 
     task: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_\-]*$", max_length=100)]  # names the run's folder
@@ -53,12 +49,13 @@ class TaskDefinition(_Strict):
     duration: Annotated[float, Field(gt=0, le=120)]
     parameters: tuple[ParameterDefinition, ...]
     weights: dict[str, Annotated[float, Field(ge=-1e9, le=1e9)]]
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = Field(default_factory=dict)
     population: Annotated[int, Field(ge=4, le=1_000_000)] = 15
     sigma: Annotated[float, Field(gt=0, lt=1)] = 0.2
     stages: Annotated[tuple[StageDefinition, ...], Field(min_length=1, max_length=100)]
-    perturbations: dict[str, Any] = {}
-    search_perturbations: dict[str, Any] = {}  # laws that are harder while searching than those that judge the result
+    perturbations: dict[str, Any] = Field(default_factory=dict)
+    # laws that are harder while searching than those that judge the result
+    search_perturbations: dict[str, Any] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _stages_apart(self) -> Self:
