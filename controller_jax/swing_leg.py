@@ -100,8 +100,20 @@ def joint_positions(
     omega = jnp.broadcast_to(state.omega_B, r_BF_B.shape)
     v_B = mtv(to_B, motion.velocity - state.v_WB[None]) - cross(omega, r_BF_B)
     qd = jnp.clip(solve_legs(legs.J_BF_B, v_B), -params.joint_speed_limit, params.joint_speed_limit)
-    q = inverse_kinematics(geometry, r_BF_B) + (qd * params.position_lead[None]).reshape(12)
+    q = inverse_kinematics(geometry, within_stride_width(geometry, r_BF_B))
+    q = q + (qd * params.position_lead[None]).reshape(12)
     return jnp.clip(q, geometry.position_limits[:, 0], geometry.position_limits[:, 1])
+
+
+def within_stride_width(geometry: LegGeometry, r_BF_B: Array) -> Array:
+    """Targets of the feet (4, 3) brought as near to the body's side as the HAA's stops demand, at their height.
+
+    With the joint alone clamped, a leg as long as the way to the target would strike the ground before its time.
+    """
+    stops = jnp.tan(geometry.position_limits.reshape(4, 3, 2)[:, 0])
+    y, height = r_BF_B[:, 1] - geometry.r_BH_B[:, 1], jnp.maximum(-r_BF_B[:, 2], 0.0)
+    y = jnp.clip(y, height * stops[:, 0], height * stops[:, 1])
+    return jnp.stack([r_BF_B[:, 0], geometry.r_BH_B[:, 1] + y, r_BF_B[:, 2]], -1)
 
 
 def solve_legs(J: Array, v: Array) -> Array:

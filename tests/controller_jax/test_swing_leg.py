@@ -132,6 +132,21 @@ def test_legs_are_solved_like_numpy_does():
     np.testing.assert_allclose(swing_leg.solve_legs(legs.J_BF_B, jnp.asarray(v, jnp.float32)), oracle, rtol=1e-4)
 
 
+def test_a_foot_sent_too_far_to_the_side_keeps_its_height_at_the_hip_s_stop():
+    state = robot(2)._replace(R_WB=jnp.eye(3), r_WB=jnp.zeros(3), v_WB=jnp.zeros(3), omega_B=jnp.zeros(3))
+    legs = leg_kinematics(GEOMETRY, state.q)
+    hips, limits = np.asarray(GEOMETRY.r_BH_B), np.asarray(GEOMETRY.position_limits).reshape(4, 3, 2)
+    pointed = GEOMETRY._replace(foot_radius=jnp.float32(0.0))
+    for side in (-0.4, -0.05, 0.05, 0.4):
+        target = hips + np.array([0.03, side, -0.4])
+        motion = swing_leg.FootMotion(jnp.asarray(target, jnp.float32), jnp.zeros((4, 3)))
+        command = swing_leg.joint_positions(params(), pointed, state, legs, motion, jnp.asarray([0.0, 0.0, 1.0]))
+        reached = np.asarray(leg_kinematics(GEOMETRY, command).r_BF_B)
+        np.testing.assert_allclose(reached[:, [0, 2]], target[:, [0, 2]], atol=1e-5)
+        angle = np.clip(np.arctan2(side, 0.4), limits[:, 0, 0], limits[:, 0, 1])
+        np.testing.assert_allclose(reached[:, 1], hips[:, 1] + 0.4 * np.tan(angle), atol=1e-5)
+
+
 def test_commands_stay_within_the_joint_limits():
     state = robot(1)
     legs = leg_kinematics(GEOMETRY, state.q)
