@@ -25,7 +25,8 @@ def _ripple(p, torque, s):
 
 
 def _sag(p, voltage, s):
-    return voltage - p.resistance * jnp.abs(s.current).sum()
+    # a supply gives most power at half its voltage: it falls no further
+    return jnp.maximum(voltage - p.resistance * jnp.abs(s.current).sum(), 0.5 * voltage)
 
 
 EFFECTS = (
@@ -72,7 +73,7 @@ EFFECTS = (
         "the supply falls with the current that all motors draw",
         "drive",
         "joint",
-        (Parameter("resistance", "ohm", 0.0, 2.0, 0.2),),
+        (Parameter("resistance", "ohm", 0.0, 4.0, 0.2),),
         {"supply_voltage": _sag},
     ),
 )

@@ -166,7 +166,9 @@ class Evidence:
         points += [at._replace(x=changed(self.atoms, at.x, change)) for change in changes]
         r = self.drive_residual(points)
         joints = r.shape[2]
-        columns = np.concatenate([r[2:] - r[:1], (r[1:2] - r[:1]) * (SHIFT_PRIOR / SHIFT_STEP), r[:1]])
+        # a change too large for the replay says nothing
+        moved = np.nan_to_num(r[2:] - r[:1], nan=0.0, posinf=0.0, neginf=0.0)
+        columns = np.concatenate([moved, (r[1:2] - r[:1]) * (SHIFT_PRIOR / SHIFT_STEP), r[:1]])
         block = self.block_of_drive()
         for j in range(joints):
             here = [s + j if self._on_drives(c) else -1 for s, c in zip(start, changes)] + [

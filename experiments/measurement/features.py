@@ -40,7 +40,9 @@ class Variant(NamedTuple):
 
 
 NUISANCES = frozenset({LOOP_TIMING.name, LINK_COM.name})  # fitted beside every hypothesis, never one
-SHARP = frozenset({"backlash", "command_delay", "sensor_delay", "stribeck_friction", "spring_hysteresis"})
+SHARP = frozenset(
+    {"backlash", "command_delay", "sensor_delay", "stribeck_friction", "spring_hysteresis", "bus_voltage_sag"}
+)
 
 
 Seeds = Mapping[str, tuple[Mapping[str, float], ...]]  # starts of the shape parameters, by effect
