@@ -10,20 +10,18 @@ from experiments.measurement.gather import gather
 from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.leftover import Hint, hints
 from experiments.measurement.log import Log
+from experiments.measurement.misfit import Misfit, excess, misfit
 from experiments.measurement.next_experiment import NextExperiment, next_experiment
 from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import nominal_freedom, timing
-from experiments.measurement.refit import Placed
-from experiments.measurement.selection import LEAST_STEP, Selection, select
+from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom, timing
+from experiments.measurement.refit import Placed, refit
+from experiments.measurement.selection import LEAST_STEP, NOISE, Selection, select
 from experiments.measurement.verdict import (
-    Misfit,
     Verdict,
     decide,
     effect_entries,
-    excess,
     fit_percents,
     held_out_rms,
-    misfit,
     ranking_entries,
     unexplained,
 )
@@ -93,13 +91,18 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
         return strict
     say("trying again with nominal numbers that may be a little off")
-    freed = select(evidence, freedom, say, least=WELL_EXPLAINED)
+    free = refit(evidence, (), freedom)
+    freedom = as_far_as_others(freedom, free)
+    numbers = select(evidence, freedom, say, most=0, start=free)
+    # numbers that had to go as far as they may do not explain a log well, however little is left
+    least = NOISE if at_end(freedom, numbers.fit) else WELL_EXPLAINED
+    freed = select(evidence, freedom, say, least=least, begun=numbers.ladder[0])
     return freed if _better(evidence, freed, strict) else strict
 
 
 def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bool:
-    """Whether freeing the nominal numbers explains more, or as much with fewer effects."""
-    if len(freed.fit.effects) < len(strict.fit.effects):
+    """Whether freeing the nominal numbers explains more, or as much with fewer effects and no number at its end."""
+    if len(freed.fit.effects) < len(strict.fit.effects) and not at_end(freed.nominal, freed.fit):
         return excess(logs, freed.fit) < max(excess(logs, strict.fit), 2.0 * WELL_EXPLAINED)
     return excess(logs, freed.fit) < 0.8 * excess(logs, strict.fit)
 

@@ -19,6 +19,7 @@ PAD = 800  # rows: logs are padded to a multiple, so that logs of like length sh
 SETTLE = 0.05  # s at the start of a log, in which the loops forget what was before it
 FLOOR_DRAWS = 3  # re-noised link motions from which the replay's own noise is estimated
 STUCK = 0.01  # rad/s of the gear below which dry friction may hold the motor
+STUCK_NOISE = 4.0  # standard deviations of that speed, where the encoder is too rough to tell so slow a motion
 STUCK_REACH = 5  # rows to both sides over which that speed is taken
 STUCK_LONG = 0.05  # s from which a motor counts as held, not as turning round
 DRIFT = 0.2  # s: in torque mode slower errors of the motor angle are not judged
@@ -91,7 +92,7 @@ def drive_evidence(
     motion = true_motion(padded, period, noise)
     sensors = np.array([noise[channel] for channel in CHANNELS])
     clean = _nominal(replay, params, atoms, padded, motion)
-    used = rows_that_count(log, period)
+    used = rows_that_count(log, period, noise["motor_position"])
     rng, spread = np.random.default_rng(0), np.zeros(clean.shape[1:])
     for _ in range(FLOOR_DRAWS):
         noisy = padded._replace(
@@ -104,8 +105,8 @@ def drive_evidence(
     return DriveEvidence(atoms, replay, params, padded, motion, rows, period, measured(log), used, floor)
 
 
-def rows_that_count(log: DriveLog, period: float) -> np.ndarray:
-    """1.0 for the rows that count (T, J, 3).
+def rows_that_count(log: DriveLog, period: float, noise: float) -> np.ndarray:
+    """1.0 for the rows that count (T, J, 3); noise: standard deviation of the motor position, rad.
 
     Not while the loops settle; not when a row cannot tell the link's motion, nor when position mode takes over the
     angle that torque mode left open; and no current of a motor that friction holds.
@@ -115,11 +116,11 @@ def rows_that_count(log: DriveLog, period: float) -> np.ndarray:
     hit = np.abs(np.diff(log.joint_velocity, axis=0, append=log.joint_velocity[-1:])) > IMPACT * period
     entered = np.diff(log.position_mode, axis=0, prepend=log.position_mode[:1]) > 0.5
     used *= ~_with_later(hit | entered, period)[..., None]
-    used[..., CHANNELS.index("motor_current")] *= ~_with_later(_held(log, period), period)
+    used[..., CHANNELS.index("motor_current")] *= ~_with_later(_held(log, period, noise), period)
     return used
 
 
-def _held(log: DriveLog, period: float) -> np.ndarray:
+def _held(log: DriveLog, period: float, noise: float) -> np.ndarray:
     """Rows (T, J) of a motor at rest for long.
 
     Friction takes any value up to its level there, and the current with it: which one, the noise of long ago decides.
@@ -127,9 +128,10 @@ def _held(log: DriveLog, period: float) -> np.ndarray:
     index = np.arange(len(log.motor_position))
     before, after = np.maximum(index - STUCK_REACH, 0), np.minimum(index + STUCK_REACH, index[-1])
     moved = log.motor_position[after] - log.motor_position[before]
-    speed = np.abs(moved) / (period * (after - before))[:, None]
+    span = (period * (after - before))[:, None]
+    slow = np.abs(moved) < np.maximum(STUCK * span, STUCK_NOISE * np.sqrt(2.0) * noise)
     long = 2 * round(0.5 * STUCK_LONG / period) + 1
-    return maximum_filter1d(minimum_filter1d(speed < STUCK, long, axis=0), long, axis=0)
+    return maximum_filter1d(minimum_filter1d(slow, long, axis=0), long, axis=0)
 
 
 def _with_later(rows: np.ndarray, period: float) -> np.ndarray:

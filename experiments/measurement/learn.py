@@ -14,10 +14,11 @@ from experiments.measurement.features import changes_of
 from experiments.measurement.gather import gather
 from experiments.measurement.linear_score import score
 from experiments.measurement.log import Log
+from experiments.measurement.misfit import misfit
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import nominal_freedom, timing
 from experiments.measurement.refit import Placed, Refitted, refit
-from experiments.measurement.verdict import COVERAGE, misfit
+from experiments.measurement.verdict import COVERAGE
 from experiments.model import FittedValue, Model, PlacedEffect
 
 

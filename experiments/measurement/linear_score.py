@@ -12,6 +12,7 @@ from experiments.effects.effect import Effect
 from experiments.effects.places import mask
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import Change, Products, Variant, gain, projected
+from experiments.measurement.nominal import at_end
 from experiments.measurement.refit import FARTHEST, Nominal, Refitted
 
 
@@ -34,19 +35,22 @@ def score(
 ) -> list[Scored]:
     """Every effect at its best place and shape, best first."""
     products = [log.products(point, changes) for log, point in zip(logs, fit.points, strict=True)]
-    return scored_at(logs, products, nominal, changes, variants)
+    return scored_at(logs, products, fit, nominal, changes, variants)
 
 
 def scored_at(
     logs: Sequence[Evidence],
     products: Sequence[Products],
+    fit: Refitted,
     nominal: Sequence[Nominal],
     changes: Sequence[Change],
     variants: Sequence[Variant],
 ) -> list[Scored]:
     """The same from products (one for each log) that are known already."""
     atoms = logs[0].atoms
-    reduced = [_without_nuisances(p, atoms, nominal, changes) for p in products]
+    ended = at_end(nominal, fit)
+    follow = [n for n in nominal if n not in ended]
+    reduced = [_without_nuisances(p, atoms, follow, changes) for p in products]
     found = []
     for variant in variants:
         for where in atoms.places(variant.effect):
@@ -78,7 +82,10 @@ def following(
     changes: Sequence[Change],
     scored: Scored,
 ) -> np.ndarray:
-    """Where the nominal numbers want to be once a hypothesis has the value of its score (linear)."""
+    """Where the nominal numbers want to be once a hypothesis has the value of its score (linear).
+
+    A number that the hypothesis itself moves is nominal again: the effect takes over what it was off by.
+    """
     if not nominal:
         return fit.nominal
     atoms, deviation = logs[0].atoms, np.array([n.deviation for n in nominal])
@@ -93,7 +100,14 @@ def following(
         moved[-1] += 1.0  # the residual itself
         hessian = hessian + g.T @ gram @ g
         gradient = gradient + g.T @ gram @ moved
-    return np.clip(now - np.linalg.solve(hessian, gradient), -FARTHEST, FARTHEST) * deviation
+    wanted = np.clip(now - np.linalg.solve(hessian, gradient), -FARTHEST, FARTHEST) * deviation
+    return np.where([_moves(scored, n, place, atoms.joint_names) for n in nominal], 0.0, wanted)
+
+
+def _moves(scored: Scored, n: Nominal, place: np.ndarray, joint_names: tuple[str, ...]) -> bool:
+    """Whether a hypothesis changes a nominal number wherever that number counts."""
+    same = scored.effect.name == n.effect and n.parameter in scored.values
+    return same and bool((place >= mask(n.where, scored.effect.axis, joint_names)).all())
 
 
 def _without_nuisances(p: Products, atoms, nominal, changes) -> np.ndarray:

@@ -1,17 +1,22 @@
 """What may be a little off without being a missing effect: the robot's nominal numbers, and the timing of its loops."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
 from experiments.effects.delay import LOOP_TIMING
 from experiments.effects.effect import Effect
 from experiments.effects.inertia import LINK_COM
-from experiments.measurement.refit import Nominal
+from experiments.measurement.features import NUISANCES
+from experiments.measurement.refit import FARTHEST, Nominal, Refitted
 from experiments.model import JointNumbers, Model
 from mjx_starleth.numbers import RobotNumbers, load_numbers
 
 WIDE = 0.06  # relative standard deviation of the numbers of a robot that is not quite its data sheet
 PHASE = 2.5e-4  # s: the velocity loops may run at any time within their 0.5 ms
 HALF_STEP = 5e-5  # s, of the motor: by which the steps of two plants may differ
+AT_END = 0.99  # of its farthest, from which a number has nowhere to go
+KNOWN = 0.3  # of its prior's deviation, to which a log has to tell a number for it to tell of the others
+SPARE = 2.0  # times what the robot's other numbers are off by, that one may be
 
 
 def timing(effects: Sequence[Effect]) -> tuple[Nominal, ...]:
@@ -20,6 +25,34 @@ def timing(effects: Sequence[Effect]) -> tuple[Nominal, ...]:
         return ()
     deviations = {"phase": PHASE, "angle_lead": HALF_STEP, "torque_lag": HALF_STEP}
     return tuple(Nominal(LOOP_TIMING.name, "all", name, deviation) for name, deviation in deviations.items())
+
+
+def at_end(nominal: Sequence[Nominal], fit: Refitted) -> tuple[Nominal, ...]:
+    """Numbers that a fit has as far off as they may be: what lies beyond is an effect."""
+    return tuple(
+        n
+        for n, value in zip(nominal, fit.nominal, strict=True)
+        if n.effect not in NUISANCES and abs(value) > AT_END * FARTHEST * n.deviation
+    )
+
+
+def as_far_as_others(nominal: Sequence[Nominal], fit: Refitted) -> tuple[Nominal, ...]:
+    """The numbers, none free to be off by more than twice what the others of this robot turn out to be off by.
+
+    Where most of a robot's numbers are within 3 %, one that is 10 % off is no tolerance but an effect.
+    As many of the largest as one effect everywhere may have moved tell nothing of the others.
+    """
+    told = [
+        (abs(value) / n.deviation, n.effect)
+        for n, value, spread in zip(nominal, fit.nominal, fit.spread, strict=True)
+        if n.effect != LOOP_TIMING.name and spread < KNOWN * n.deviation
+    ]
+    largest = max(Counter(name for _, name in told).values(), default=0)
+    if len(told) < 2 * (largest + 1):
+        return tuple(nominal)
+    typical = sorted((size for size, _ in told), reverse=True)[largest]
+    narrower = min(SPARE * typical / FARTHEST, 1.0)
+    return tuple(n if n.effect == LOOP_TIMING.name else n._replace(deviation=narrower * n.deviation) for n in nominal)
 
 
 def nominal_freedom(model: Model, effects: Sequence[Effect], standing: bool) -> tuple[Nominal, ...]:

@@ -15,6 +15,7 @@ from experiments.measurement.evidence import Evidence, Point
 ITERATIONS = 8
 ENOUGH = 2.0  # fall of chi^2 below which the fit has ended: a parameter is then within its interval
 STEP_LENGTHS = (1.0, 0.4, 0.1)
+STARTS = (1.0, 0.7, 0.4, 0.2)  # of the strength that a linear score gives an effect, which may overshoot
 FARTHEST = 2.0  # deviations that a nominal number may be off by: beyond them it is an effect and has to prove itself
 BLOWN_UP = 1e12  # chi^2 of a block whose replay is no number; finite, so that masks and sums keep their sense
 DIFFERENCE = 0.01  # of a parameter's start: the step of the difference quotients
@@ -46,6 +47,7 @@ class Refitted:
 
     effects: tuple[Placed, ...]
     nominal: np.ndarray  # fitted deviations, in each one's own unit
+    spread: np.ndarray  # their standard deviations; as the last fit with them free had them
     points: tuple[Point, ...]
     chi2: tuple[np.ndarray, ...]
     covariance: np.ndarray
@@ -88,7 +90,10 @@ def refit_effects(
     blocks: Sequence[np.ndarray],
     iterations: int,
 ) -> Refitted:
-    """The same with the nominal numbers held where another fit has them: several times cheaper."""
+    """The same with the nominal numbers held where another fit has them: several times cheaper.
+
+    The last effect starts from its strength or less of it: a sharp effect that starts too strong finds no way back.
+    """
     bases = []
     for log in logs:
         x = log.start().x
@@ -96,7 +101,18 @@ def refit_effects(
             x = _add(log.atoms, x, variable, value)
         bases.append(x)
     problem = _Problem(tuple(logs), tuple(bases), _variables(logs[0], effects, ()), tuple(blocks))
-    return replace(_solve(problem, effects, (), held, iterations), nominal=held.nominal)
+    starts = [[*effects[:-1], _weaker(logs[0], effects[-1], share)] for share in STARTS]
+    tried = [problem.start(start, (), held) for start in starts]
+    costs = problem.cost(tried, [problem.points(v, held.points) for v in tried])
+    effects = starts[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
+    return replace(_solve(problem, effects, (), held, iterations), nominal=held.nominal, spread=held.spread)
+
+
+def _weaker(log: Evidence, placed: Placed, share: float) -> Placed:
+    """An effect with a share of its strengths and its own shape."""
+    effect = next(e for e in log.atoms.effects if e.name == placed.effect)
+    strengths = {p.name: share * placed.parameters[p.name] for p in effect.strengths}
+    return placed._replace(parameters={**placed.parameters, **strengths})
 
 
 def settle(log: Evidence, taught: Refitted, nominal: Sequence[Nominal]) -> Refitted:
@@ -106,7 +122,8 @@ def settle(log: Evidence, taught: Refitted, nominal: Sequence[Nominal]) -> Refit
     for variable, value in zip(variables, [*fitted, *taught.nominal], strict=True):
         x = _add(log.atoms, x, variable, value)
     problem = _Problem((log,), (x,), [], (np.ones(log.blocks, bool),))
-    return replace(_solve(problem, (), (), None, ITERATIONS), effects=taught.effects, nominal=taught.nominal)
+    settled = _solve(problem, (), (), None, ITERATIONS)
+    return replace(settled, effects=taught.effects, nominal=taught.nominal, spread=taught.spread)
 
 
 def _solve(
@@ -146,9 +163,8 @@ def _solve(
 
 def _blown_up(problem: "_Problem", effects, nominal, v: np.ndarray, points: Sequence[Point]) -> Refitted:
     """A fit whose replay, there or a small step away, is no number: it explains nothing and is never chosen."""
-    count = len(v) - len(nominal)
     chi2 = tuple(np.full(log.blocks, BLOWN_UP) for log in problem.logs)
-    return _result(effects, problem.variables, nominal, v, np.zeros((count, count)), tuple(points), chi2)
+    return _result(effects, problem.variables, nominal, v, np.zeros((len(v), len(v))), tuple(points), chi2)
 
 
 class _Own(NamedTuple):
@@ -186,7 +202,8 @@ class _Problem:
 
     def start(self, effects: Sequence[Placed], nominal: Sequence[Nominal], start: Refitted | None) -> np.ndarray:
         fitted = [_first(effects, x) for x in self.variables[: len(self.variables) - len(nominal)]]
-        return np.array([*fitted, *(start.nominal if start and len(nominal) else [0.0] * len(nominal))])
+        numbers = start.nominal if start and len(nominal) else [0.0] * len(nominal)
+        return self.moved(np.array([*fitted, *numbers]), 0.0)
 
     def points(self, v: np.ndarray, nuisances: Sequence[Point]) -> list[Point]:
         """Points with these variables and the nuisances of others."""
@@ -233,7 +250,7 @@ class _Problem:
         damped = relative + damping * np.diag(np.diag(relative)) + 1e-12 * np.eye(len(v))
         return -self.scale * np.linalg.solve(damped, self.scale * normal.gradient)
 
-    def moved(self, v: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def moved(self, v: np.ndarray, step: np.ndarray | float) -> np.ndarray:
         return np.clip(v + step, [x.low for x in self.variables], [x.high for x in self.variables])
 
     def follow(self, new: np.ndarray, v: np.ndarray, points: Sequence[Point], normal: _Normal) -> list[Point]:
@@ -308,4 +325,5 @@ def _result(effects, variables, nominal, v, covariance, points, chi2) -> Refitte
     for placed in effects:
         names = [x.parameter for x in variables[:count] if (x.effect, x.where) == (placed.effect, placed.where)]
         fitted.append(Placed(placed.effect, placed.where, {name: float(next(values)) for name in names}))
-    return Refitted(tuple(fitted), v[count:], points, chi2, covariance[:count, :count])
+    spread = np.sqrt(np.maximum(np.diag(covariance)[count:], 0.0))
+    return Refitted(tuple(fitted), v[count:], spread, points, chi2, covariance[:count, :count])

@@ -15,14 +15,17 @@ from experiments.effects.places import mask
 from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
+from experiments.measurement.footprint import left_at
 from experiments.measurement.linear_score import Scored, best_of_each, following, scored_at
+from experiments.measurement.misfit import above_floor
 from experiments.measurement.refit import Nominal, Placed, Refitted, refit, refit_effects
 
 MOST_EFFECTS = 6
 FINALISTS = 5  # effects that are refitted in each round
 LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypothesis, and there are a thousand
 LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
-LEAST_STEP = 0.2  # of what is left over the noise: an effect that takes less is not what is missing
+LEAST_STEP = 0.2  # of what is left over the noise where an effect acts: one that takes less is not what is missing
+LEAST_REST = 0.005  # of noise's own chi^2, above the floor: a smaller rest is no further effect
 TIE = 0.25  # of what the winner leaves over the noise, or takes away: a rival that is closer cannot be told from it
 NOTHING = 4.0  # of chi^2, by which joints differ that do not feel an effect
 NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
@@ -80,25 +83,26 @@ def select(
     least: float = NOISE,
     promising: float = 0.0,
     begun: Rung | None = None,
+    start: Refitted | None = None,
 ) -> Selection:
     """Add effects while held-out blocks say that each is there and chi^2 per residual exceeds 1 by over `least`.
 
     None is refitted unless the best linear score takes the share `promising` of what chi^2 has over the noise. `begun`
-    is the ladder's first rung, where it is known from another selection with the same nominal numbers.
+    is the ladder's first rung, where it is known from another selection with the same nominal numbers; `start` a fit
+    without effects that is near it.
     """
     effects = logs[0].atoms.effects
     changes, variants = changes_of(effects, logs)
     train, test = halves(logs)
     if begun is None:
-        fit = refit(logs, (), nominal)
+        fit = refit(logs, (), nominal, start)
         begun = Rung("nominal model", fit, refit(logs, (), nominal, fit, train, SHORT_FIT))
     selection = Selection(begun.fit, nominal, Elsewhere(logs, nominal), ladder=[begun])
-    while len(selection.fit.effects) < most and _excess(logs, selection.fit) > least:
+    while len(selection.fit.effects) < most and _excess(logs, selection.fit) > least and _more(logs, selection):
         say(f"scoring {len(variants)} hypotheses at every place")
-        proof = selection.ladder[-1].proof
-        before = _on(proof, test)
+        before = selection.ladder[-1].proof
         products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
-        ranking = scored_at(logs, products, nominal, changes, variants)
+        ranking = scored_at(logs, products, selection.fit, nominal, changes, variants)
         selection.rankings.append(ranking)
         if ranking[0].gain < promising * (selection.fit.total - _weight(logs, [np.ones(log.blocks) for log in logs])):
             break
@@ -125,14 +129,22 @@ def select(
     return selection
 
 
+def _more(logs: Sequence[Evidence], selection: Selection) -> bool:
+    """Whether the effects that were found leave anything above the floor that is worth another one."""
+    if not selection.fit.effects:
+        return True
+    noise = sum(float(log.weight().sum()) for log in logs)
+    return above_floor(logs, selection.fit) > max(LEAST_GAIN, LEAST_REST * noise)
+
+
 def _chosen(
-    finalists: list[Finalist], before: float, logs: Sequence[Evidence], test, selection: Selection
+    finalists: list[Finalist], before: Refitted, logs: Sequence[Evidence], test, selection: Selection
 ) -> tuple[Finalist, list[Finalist]] | None:
     """The winner and its rivals: proven on held-out blocks and, of several logs, not refuted by one left out whole."""
     best = finalists[0] if finalists else None
     if best is None or not _proven(best.scored.effect, best.scored.where, before, best.held_out, logs, test):
         return None
-    winner, rivals = simplest(finalists, before, _weight(logs, test), logs[0].atoms.joint_names)
+    winner, rivals = simplest(finalists, _on(before, test), _weight(logs, test), logs[0].atoms.joint_names)
     close = [winner, *rivals]
     for one in close:
         log = selection.elsewhere.refutes(one.fit.effects, one.fit)
@@ -183,11 +195,12 @@ def simplest(
     return winner, [f for f in simple if not any(f is one for one in alike)]
 
 
-def _proven(effect: Effect, where: str, before: float, after: float, logs: Sequence[Evidence], test) -> bool:
+def _proven(effect: Effect, where: str, before: Refitted, after: float, logs: Sequence[Evidence], test) -> bool:
     """Whether the fall of chi^2 on held-out blocks says that the effect is there."""
-    points, place = _weight(logs, test), mask(where, effect.axis, logs[0].atoms.joint_names)
-    affected = points * place.sum() / len(place)
-    return before - after > max(LEAST_GAIN, LEAST_SHARE * affected, LEAST_STEP * (before - points))
+    place = mask(where, effect.axis, logs[0].atoms.joint_names)
+    affected = _weight(logs, test) * place.sum() / len(place)
+    left = left_at(effect, where, logs, before, test)
+    return _on(before, test) - after > max(LEAST_GAIN, LEAST_SHARE * affected, LEAST_STEP * left)
 
 
 def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None:
@@ -198,7 +211,7 @@ def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None
         del others[k]
         without = refit(logs, others, selection.nominal, selection.fit, train, SHORT_FIT)
         after = _on(selection.ladder[-1].proof, test)
-        if _proven(known[placed.effect], placed.where, _on(without, test), after, logs, test):
+        if _proven(known[placed.effect], placed.where, without, after, logs, test):
             continue
         for one in (selection.ties, selection.winners, selection.rivals):
             del one[k]

@@ -1,7 +1,6 @@
 """The verdict: is the log explained, by what, how surely, and what is left? And the answer file that says so."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -10,98 +9,26 @@ from experiments.measurement.evidence import Evidence
 from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.joint_form import imitated
 from experiments.measurement.linear_score import best_of_each
+from experiments.measurement.misfit import FLOOR, above_floor, excess, misfit
 from experiments.measurement.refit import Placed, Refitted
 from experiments.measurement.selection import Selection, halves
 
 Verdict = Literal["explained", "partly_explained", "none", "unknown", "not_identifiable", "data_fault"]
 
-FLOOR = 1.15  # residual over noise up to which a channel counts as explained
+QUIET = 1.3 * FLOOR  # residual over noise of the worst channel where nothing is missing
 FOUND_SHARE = 0.7  # of the excess over the floor that the effects must take away to be believed
 LARGE = 0.2  # of the nominal excess: a smaller effect that has rivals does not make the verdict uncertain
 COVERAGE = 1.96
 
 
-@dataclass(frozen=True)
-class Misfit:
-    """Residual over noise: by drive channel and joint (3, J), by body channel (26,), NaN where nothing was measured;
-    effort (1,) of a rigid joint."""
-
-    drive: np.ndarray | None = None
-    body: np.ndarray | None = None
-    effort: np.ndarray | None = None
-
-    @property
-    def worst(self) -> float:
-        """The largest of all."""
-        parts = [x[np.isfinite(x)] for x in (self.drive, self.body, self.effort) if x is not None]
-        values = np.concatenate([p.ravel() for p in parts]) if parts else np.zeros(1)
-        return float(values.max()) if len(values) else 0.0
-
-
-def misfit(log: Evidence | JointEvidence, fit: Refitted, index: int, blocks: np.ndarray | None = None) -> Misfit:
-    """Residual over noise of one log at a fit, on all blocks or those of a mask.
-
-    Constant errors below the model's own are not counted.
-    """
-    point = fit.points[index]
-    blocks = np.ones(log.blocks, bool) if blocks is None else blocks
-    if isinstance(log, JointEvidence):
-        here = blocks[log.block_of_rows()]
-        square = log.residual([point])[0][here] ** 2
-        return Misfit(effort=np.sqrt(square.sum(keepdims=True) / max(log.used[here].sum(), 1)))
-    drive = body = None
-    if log.drive is not None:
-        here = blocks[log.block_of_drive()]
-        count = log.drive.used[here].sum(0)
-        drive = np.sqrt((log.drive_residual([point])[0][here] ** 2).sum(0) / np.maximum(count, 1.0)).T
-    if log.body is not None:
-        here = blocks[log.block_of_body()]
-        r, used = log.body_residual([point])[0][here], log.body.used[here]
-        count = used.sum(0)
-        # smoothed rows share their noise: what is slower than the filter is weighed as it deserves
-        size = np.sqrt((r**2).sum(0) / np.maximum(count, 1))
-        body = np.where(count > 20, size, np.nan)
-    return Misfit(drive, body)
-
-
-def excess(logs: Sequence[Evidence], fit: Refitted) -> float:
-    """How far chi^2 lies above its floor, per residual."""
-    points = sum(log.weight().sum() for log in logs)
-    return max(fit.total / points - 1.0, 0.0)
-
-
 def unexplained(logs: Sequence[Evidence], selection: Selection) -> float:
     """Share of the nominal model's excess that the fit leaves.
 
-    Of a single joint, what is above the channels' FLOOR counts, if anything is: of its three or four channels one whose
-    noise is a little larger than was thought would else be most of the misfit.
+    What is above the channels' FLOOR counts: channels whose noise is a little larger than was thought would else be
+    most of a misfit that one joint alone has.
     """
-    first, last = selection.ladder[0].fit, selection.fit
-    before, after = excess(logs, first), excess(logs, last)
-    if all(len(log.atoms.joint_names) == 1 for log in logs) and (above := _above_floor(logs, first)) > 0:
-        before, after = above, _above_floor(logs, last)
+    before, after = above_floor(logs, selection.ladder[0].fit), above_floor(logs, selection.fit)
     return after / before if before > 0 else 0.0
-
-
-def _above_floor(logs: Sequence[Evidence], fit: Refitted) -> float:
-    """chi^2 that the channels have above FLOOR."""
-    return sum(
-        float((counts * np.maximum(np.nan_to_num(sizes) ** 2 - FLOOR**2, 0.0)).sum())
-        for i, log in enumerate(logs)
-        for counts, sizes in _sizes(log, fit, i)
-    )
-
-
-def _sizes(log: Evidence | JointEvidence, fit: Refitted, index: int):
-    """Independent residuals and their size over noise, for the channels of each part of a log."""
-    found = misfit(log, fit, index)
-    if isinstance(log, JointEvidence):
-        yield log.used.sum(keepdims=True), found.effort
-        return
-    if found.drive is not None:
-        yield log.drive.used.sum(0).T, found.drive
-    if found.body is not None:
-        yield log.body.used.sum(0) / log.body.tau, found.body
 
 
 def worst(logs: Sequence[Evidence], fit: Refitted) -> float:
@@ -114,9 +41,11 @@ def decide(logs: Sequence[Evidence], selection: Selection) -> tuple[Verdict, tup
     if _unknown_law(logs, selection):
         return "unknown", ()
     left = worst(logs, selection.fit)
-    effects = selection.fit.effects
-    if not effects or unexplained(logs, selection) > 1.0 - FOUND_SHARE:
-        return ("none" if worst(logs, selection.ladder[0].fit) <= FLOOR * 1.3 else "unknown"), ()
+    effects, quiet = selection.fit.effects, left <= QUIET
+    if not effects:
+        return ("none" if quiet else "unknown"), ()
+    if not quiet and unexplained(logs, selection) > 1.0 - FOUND_SHARE:
+        return "unknown", ()
     if any(tied and _large(logs, selection, k) for k, tied in enumerate(selection.ties)):
         return "not_identifiable", effects
     return ("explained" if left <= 1.5 * FLOOR else "partly_explained"), effects

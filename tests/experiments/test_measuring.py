@@ -17,10 +17,10 @@ from experiments.measurement.drive_log import DriveLog
 from experiments.measurement.gather import gather
 from experiments.measurement.learn import learn, parse_place
 from experiments.measurement.log_reader import read_log
+from experiments.measurement.misfit import misfit
 from experiments.measurement.noise_floor import estimated, noise_of
 from experiments.measurement.nominal import timing
 from experiments.measurement.refit import refit
-from experiments.measurement.verdict import misfit
 from experiments.model import FittedValue, PlacedEffect, load_model, nominal_model, save_model
 
 DATA = Path(__file__).parents[1] / "data"
@@ -90,10 +90,14 @@ def test_rows_that_cannot_tell_what_happened_do_not_count() -> None:
     log.joint_velocity[100:, 0] = 3.0  # an impact of the first link
     log.position_mode[200:, 1] = 1.0  # the second joint goes over to position mode
     log.motor_position[250:, 2] = log.motor_position[250, 2]  # the third motor comes to rest
-    gaps = {joint: np.flatnonzero(rows_that_count(log, period)[50:, joint].min(1) == 0) + 50 for joint in range(3)}
+    gaps = {joint: np.flatnonzero(rows_that_count(log, period, 0.0)[50:, joint].min(1) == 0) + 50 for joint in range(3)}
     assert [(gap.min(), gap.max()) for gap in gaps.values()] == [(99, 139), (200, 240), (gaps[2].min(), rows - 1)]
     assert 240 < gaps[2].min() < 260
-    assert rows_that_count(log, period)[300:, 2, :2].all(), "a motor at rest still has an angle and a torque"
+    assert rows_that_count(log, period, 0.0)[300:, 2, :2].all(), "a motor at rest still has an angle and a torque"
+    noise = 1e-4  # rad, of an encoder that makes a motor at rest seem to creep
+    log.motor_position[:] += noise * np.random.default_rng(0).standard_normal(turning.shape)
+    current = rows_that_count(log, period, noise)[:, 2, 2]
+    assert not current[270:].any() and current[50:240].all()
 
 
 def test_a_leg_at_an_end_of_its_joints_or_after_an_impact_tells_nothing() -> None:

@@ -6,7 +6,7 @@ import pytest
 from experiments.effects import LIBRARY
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.evidence import Point
-from experiments.measurement.refit import BLOWN_UP, Placed, refit
+from experiments.measurement.refit import BLOWN_UP, Placed, refit, refit_effects
 
 HIDDEN = 40.0  # N m/rad^3
 BLOCKS = 4
@@ -56,3 +56,10 @@ def test_an_effect_that_makes_the_replay_no_number_explains_nothing_and_raises_n
     found = fitted(90.0, bursts=60.0)
     assert found.total == BLOCKS * BLOWN_UP and np.isfinite(found.covariance).all()
     assert fitted(5.0, bursts=60.0).effects[0].parameters["cubic"] == pytest.approx(HIDDEN, abs=1e-3)
+
+
+def test_an_effect_whose_linear_score_overshoots_is_found_from_less() -> None:
+    log, too_strong = Formula(bursts=60.0), [Placed("spring_stiffening", "axis", {"cubic": 90.0})]
+    held = refit([log], (), ())
+    found = refit_effects([log], too_strong, (), held, [np.ones(BLOCKS, bool)], 4)
+    assert found.effects[0].parameters["cubic"] == pytest.approx(HIDDEN, abs=1e-3)

@@ -1,0 +1,37 @@
+"""What a fit leaves where an effect acts: the misfit that the effect could take away at all."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from experiments.effects.effect import Effect
+from experiments.effects.places import mask
+from experiments.measurement.body_evidence import BODY_HOOKS
+from experiments.measurement.drive_evidence import DRIVE_HOOKS
+from experiments.measurement.evidence import Evidence
+from experiments.measurement.joint_evidence import JointEvidence
+from experiments.measurement.refit import Refitted
+
+
+def left_at(
+    effect: Effect, where: str, logs: Sequence[Evidence | JointEvidence], fit: Refitted, blocks: Sequence[np.ndarray]
+) -> float:
+    """chi^2 above the noise's, on these blocks (masks per log), in the channels of the parts that an effect acts on.
+
+    A channel that lies below its noise makes up for none that lies above.
+    """
+    total, hooks = 0.0, set(effect.equations)
+    for i, (log, here) in enumerate(zip(logs, blocks, strict=True)):
+        if isinstance(log, JointEvidence):
+            total += max(float(((fit.chi2[i] - log.weight()) * here).sum()), 0.0)
+            continue
+        if log.drive is not None and hooks & DRIVE_HOOKS:
+            rows = here[log.block_of_drive()]
+            over = (log.drive_residual([fit.points[i]])[0][rows] ** 2 - log.drive.used[rows]).sum(0)
+            joints = mask(where, effect.axis, log.atoms.joint_names) if effect.axis == "joint" else np.ones(len(over))
+            total += float((np.maximum(over, 0.0).sum(1) * joints).sum())
+        if log.body is not None and hooks & BODY_HOOKS:
+            rows = here[log.block_of_body()]
+            over = (log.body_residual([fit.points[i]])[0][rows] ** 2 - log.body.used[rows]).sum(0) / log.body.tau
+            total += float(np.maximum(over, 0.0).sum())
+    return total

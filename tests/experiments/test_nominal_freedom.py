@@ -1,0 +1,43 @@
+"""How far a robot's nominal numbers may be off before one of them counts as an effect."""
+
+import numpy as np
+import pytest
+
+from experiments.effects import LIBRARY
+from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom
+from experiments.measurement.refit import FARTHEST, Nominal, Refitted
+from experiments.model import nominal_model
+
+NUMBERS = nominal_freedom(nominal_model(), tuple(LIBRARY.values()), standing=False)
+
+
+def fit(off: np.ndarray, known: float = 0.05) -> Refitted:
+    """A fit with numbers off by these deviations and each known to a share of its own."""
+    deviation = np.array([n.deviation for n in NUMBERS])
+    return Refitted((), off * deviation, known * deviation, (), (), np.zeros((0, 0)))
+
+
+def farthest(numbers: tuple[Nominal, ...]) -> float:
+    """How far they may be off, over how far they might before."""
+    return numbers[-1].deviation / NUMBERS[-1].deviation
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_robot_whose_numbers_are_all_within_three_percent_has_none_ten_percent_off(seed) -> None:
+    off = 0.5 * np.random.default_rng(seed).uniform(-1.0, 1.0, len(NUMBERS))
+    place = next(i for i, n in enumerate(NUMBERS) if (n.effect, n.where) == ("torque_constant", "KFE"))
+    off[place] = -1.7  # the effect, as the number that takes it in
+    free = as_far_as_others(NUMBERS, fit(off))
+    assert 0.5 / FARTHEST < farthest(free) < 1.2 / FARTHEST
+    clipped = np.clip(off, -FARTHEST * farthest(free), FARTHEST * farthest(free))
+    assert [(n.effect, n.where) for n in at_end(free, fit(clipped))] == [("torque_constant", "KFE")]
+
+
+def test_a_robot_that_is_off_everywhere_keeps_its_freedom() -> None:
+    off = np.linspace(-1.7, 1.7, len(NUMBERS))
+    assert as_far_as_others(NUMBERS, fit(off)) == NUMBERS
+    assert at_end(NUMBERS, fit(off)) == ()
+
+
+def test_numbers_that_the_log_cannot_tell_tell_nothing_of_the_others() -> None:
+    assert as_far_as_others(NUMBERS, fit(np.zeros(len(NUMBERS)), known=0.9)) == NUMBERS
