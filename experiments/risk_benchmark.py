@@ -1,4 +1,4 @@
-"""Is a robust search worth its price? The same search judged by one trial, and by the CVaR of several.
+"""Is a robust search worth its price? The search as the task has it, and the same judged by the CVaR of more trials.
 
 Both are then tried on the same perturbed trials, which neither has seen; what differs is told with its 95 %
 interval.

@@ -33,6 +33,7 @@ TERMS = (
     "joint_stop",
     "standing",
     "no_flight",
+    "unsuccessful",
     "fall",
 )
 PARAMETERS = (
@@ -143,6 +144,11 @@ class SquatJumpTask:
         flew = as_float(tally.flight > 0)
         # graded: the later a robot falls, the better; one that diverged counts as fallen from the start
         fall = jnp.where(failed > 0, 1.0, jnp.where(tally.fallen > 0, 0.2 + 0.8 * tally.fallen / duration, 0.0))
+        height = last.bodies.q[2]
+        rests = tally.unrest < STANDING_SPEED * STANDING_TIME
+        level = jnp.abs(height - self.settings.landing_height) < STANDING_HEIGHT
+        landed = (tally.touched > 0) & (tally.fallen == 0) & (failed == 0) & rests & level
+        success = as_float(landed & (tally.rebound < REBOUND))
         terms = {
             "apex": -w["apex"] * tally.apex,
             "leg_length": w["leg_length"] * tally.leg_length / jnp.maximum(tally.flight, self.period),
@@ -153,12 +159,9 @@ class SquatJumpTask:
             "joint_stop": w["joint_stop"] * tally.joint_stop,
             "standing": w["standing"] * tally.unrest,
             "no_flight": w["no_flight"] * (1.0 - flew),
+            "unsuccessful": w["unsuccessful"] * (1.0 - success),  # what the gate counts, the search pays for
             "fall": w["fall"] * fall,
         }
-        height = last.bodies.q[2]
-        rests = tally.unrest < STANDING_SPEED * STANDING_TIME
-        level = jnp.abs(height - self.settings.landing_height) < STANDING_HEIGHT
-        landed = (tally.touched > 0) & (tally.fallen == 0) & (failed == 0) & rests & level
         metrics = {
             "apex_height": tally.apex,
             "landed": as_float(landed),
@@ -168,7 +171,7 @@ class SquatJumpTask:
             "final_height": height,
             "final_speed": tally.unrest / STANDING_TIME,
             "contact_residual": tally.residual,
-            "success": as_float(landed & (tally.rebound < REBOUND)),
+            "success": success,
         }
         cost = sum(terms.values())
         return Score(jnp.where(jnp.isfinite(cost), cost, 2 * w["fall"]), terms, metrics)

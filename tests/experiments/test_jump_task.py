@@ -79,3 +79,23 @@ def test_joints_are_charged_within_the_software_margin_of_their_stops(before_sto
     )
     found = task.observe(task.first_tally(), tick).joint_stop
     assert float(found) == pytest.approx(charged * task.period, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("outcome", "succeeds"),
+    [
+        ({}, True),
+        ({"rebound": 0.05}, False),
+        ({"unrest": 0.03}, False),
+        ({"fallen": 0.3}, False),
+        ({"touched": 0.0}, False),
+    ],
+)
+def test_what_the_gate_does_not_count_as_success_costs(outcome: dict[str, float], succeeds: bool) -> None:
+    task = make_task(SHIPPED, nominal_model())
+    whole = {"apex": 0.75, "flight": 0.5, "stance": 2.0, "touched": 1.0} | outcome
+    tally = task.first_tally()._replace(**{name: jnp.float32(value) for name, value in whole.items()})
+    standing = SimpleNamespace(bodies=SimpleNamespace(q=jnp.full(19, task.settings.landing_height)))
+    score = task.score(jnp.zeros(13), tally, jnp.zeros(()), standing)
+    assert bool(score.metrics["success"]) == succeeds
+    assert float(score.terms["unsuccessful"]) == (0.0 if succeeds else SHIPPED.weights["unsuccessful"])
