@@ -25,7 +25,7 @@ FINALISTS = 5  # effects that are refitted in each round
 LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypothesis, and there are a thousand
 LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
 LEAST_STEP = 0.2  # of what is left over the noise where an effect acts: one that takes less is not what is missing
-LEAST_REST = 0.005  # of noise's own chi^2, above the floor: a smaller rest is no further effect
+LEAST_REST = 0.005  # of noise's own chi^2, above the floor: a smaller rest is no effect
 TIE = 0.25  # of what the winner leaves over the noise, or takes away: a rival that is closer cannot be told from it
 NOTHING = 4.0  # of chi^2, by which joints differ that do not feel an effect
 NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
@@ -104,7 +104,7 @@ def select(
         products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
         ranking = scored_at(logs, products, selection.fit, nominal, changes, variants)
         selection.rankings.append(ranking)
-        if ranking[0].gain < promising * (selection.fit.total - _weight(logs, [np.ones(log.blocks) for log in logs])):
+        if ranking[0].gain < promising * (selection.fit.total - _weight(logs, _all_blocks(logs))):
             break
         finalists = []
         for scored in _finalists(ranking, selection.fit.effects):
@@ -130,11 +130,8 @@ def select(
 
 
 def _more(logs: Sequence[Evidence], selection: Selection) -> bool:
-    """Whether the effects that were found leave anything above the floor that is worth another one."""
-    if not selection.fit.effects:
-        return True
-    noise = sum(float(log.weight().sum()) for log in logs)
-    return above_floor(logs, selection.fit) > max(LEAST_GAIN, LEAST_REST * noise)
+    """Whether the fit leaves anything above the floor that is worth an effect."""
+    return above_floor(logs, selection.fit) > max(LEAST_GAIN, LEAST_REST * _weight(logs, _all_blocks(logs)))
 
 
 def _chosen(
@@ -230,7 +227,11 @@ def halves(logs: Sequence[Evidence]) -> tuple[list[np.ndarray], list[np.ndarray]
 
 
 def _excess(logs: Sequence[Evidence], fit: Refitted) -> float:
-    return fit.total / sum(log.weight().sum() for log in logs) - 1.0
+    return fit.total / _weight(logs, _all_blocks(logs)) - 1.0
+
+
+def _all_blocks(logs: Sequence[Evidence]) -> list[np.ndarray]:
+    return [np.ones(log.blocks, bool) for log in logs]
 
 
 def _weight(logs: Sequence[Evidence], blocks: Sequence[np.ndarray]) -> float:
