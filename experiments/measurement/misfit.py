@@ -56,9 +56,8 @@ def misfit(log: Evidence | JointEvidence, fit: Refitted, index: int, blocks: np.
 
 
 def excess(logs: Sequence[Evidence], fit: Refitted) -> float:
-    """How far chi^2 lies above its floor, per residual."""
-    points = sum(log.weight().sum() for log in logs)
-    return max(fit.total / points - 1.0, 0.0)
+    """How far chi^2 lies above that of noise alone, per residual; negative where the noise was taken too large."""
+    return fit.total / sum(float(log.weight().sum()) for log in logs) - 1.0
 
 
 def above_floor(logs: Sequence[Evidence], fit: Refitted) -> float:

@@ -17,7 +17,7 @@ from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
 from experiments.measurement.footprint import left_at
 from experiments.measurement.linear_score import Scored, best_of_each, following, scored_at
-from experiments.measurement.misfit import above_floor
+from experiments.measurement.misfit import above_floor, excess
 from experiments.measurement.refit import Nominal, Placed, Refitted, refit, refit_effects
 
 MOST_EFFECTS = 6
@@ -98,7 +98,7 @@ def select(
         fit = refit(logs, (), nominal, start)
         begun = Rung("nominal model", fit, refit(logs, (), nominal, fit, train, SHORT_FIT))
     selection = Selection(begun.fit, nominal, Elsewhere(logs, nominal), ladder=[begun])
-    while len(selection.fit.effects) < most and _excess(logs, selection.fit) > least and _more(logs, selection):
+    while len(selection.fit.effects) < most and excess(logs, selection.fit) > least and _more(logs, selection):
         say(f"scoring {len(variants)} hypotheses at every place")
         before = selection.ladder[-1].proof
         products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
@@ -224,10 +224,6 @@ def halves(logs: Sequence[Evidence]) -> tuple[list[np.ndarray], list[np.ndarray]
     """Alternate pairs of blocks: fitted on one half, proven on the other."""
     train = [np.arange(log.blocks) // 2 % 2 == 0 if log.blocks > 3 else np.arange(log.blocks) % 2 == 0 for log in logs]
     return train, [~mask_ for mask_ in train]
-
-
-def _excess(logs: Sequence[Evidence], fit: Refitted) -> float:
-    return fit.total / _weight(logs, _all_blocks(logs)) - 1.0
 
 
 def _all_blocks(logs: Sequence[Evidence]) -> list[np.ndarray]:
