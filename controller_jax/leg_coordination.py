@@ -84,61 +84,69 @@ def coordinate(
     normal_W: (3,) of the ground, along which a foot seeks contact.
     """
     stand, touch = phases.stance > 0.0, contact > 0.0
-    swing, air = ~stand, ~touch
-    touched = memory.touched > 0.0
-
     late_swing = phases.swing_phase > params.early_touch_down
-    early_touch_down = swing & touch & late_swing
-    late_lift_off = swing & touch & (phases.swing_phase <= params.late_lift_off)
-    obstacle = swing & touch & ~early_touch_down & ~late_lift_off
-    ending = phases.stance_phase > 1.0 - params.tolerance
-    early_lift_off = stand & air & touched & ending
-    lost_contact = stand & air & touched & ~ending
-    late_touch_down = stand & air & ~touched & (phases.stance_phase > params.tolerance)
-
-    lands = touch & (stand | early_touch_down)
-    slip_W = jnp.where((lands & touched)[:, None], memory.slip_W + period * slip_velocity_W, 0.0)
-    far = (slip_W * slip_W).sum(-1) > params.slip_distance**2
-    fast = (slip_velocity_W * slip_velocity_W).sum(-1) > params.slip_speed**2
-    slip = stand & touch & far & fast
+    surprises = _surprises(params, phases, memory.touched > 0.0, stand, touch)
+    lands = touch & (stand | surprises.early_touch_down)
+    slip_W, slips = _slip(params, memory, stand & touch, lands, slip_velocity_W, period)
 
     # a foot that bounces keeps pushing: position control would throw it about and be late when it is back
     air_time = jnp.where(touch, 0.0, memory.air_time + period)
-    holds = touch | (touched & (air_time <= params.contact_hold))
-    seek = (stand & ~holds & ~early_lift_off) | slip
+    holds = touch | ((memory.touched > 0.0) & (air_time <= params.contact_hold))
+    seek = (stand & ~holds & ~surprises.early_lift_off) | slips
     below = memory.sought_W - period * params.lowering_speed * normal_W[None]
     sought_W = jnp.where(seek[:, None], below, soles_W - params.lowering * normal_W[None])
-    hit = swing & ((memory.obstacle > 0.0) | obstacle)
-    grounded = lands | late_lift_off
-    lift_off_phase = jnp.where(late_lift_off, phases.swing_phase, memory.lift_off_phase)
+    hit = ~stand & ((memory.obstacle > 0.0) | surprises.obstacle)
+    lift_off_phase = jnp.where(surprises.late_lift_off, phases.swing_phase, memory.lift_off_phase)
     lift_off_phase = jnp.where(stand, 0.0, lift_off_phase)
 
-    def flag(x):
-        return x.astype(soles_W.dtype)
-
     memory = LegMemory(
-        foothold_W=jnp.where(grounded[:, None], soles_W, memory.foothold_W),
+        foothold_W=jnp.where((lands | surprises.late_lift_off)[:, None], soles_W, memory.foothold_W),
         slip_W=slip_W,
-        touched=flag((stand | late_swing) & (touched | lands)),
+        touched=_flag((stand | late_swing) & ((memory.touched > 0.0) | lands)),
         lift_off_phase=lift_off_phase,
-        obstacle=flag(hit),
+        obstacle=_flag(hit),
         air_time=air_time,
         sought_W=sought_W,
     )
     roles = LegRoles(
-        support=flag((stand | late_swing) & holds & ~slip),
+        support=_flag((stand | late_swing) & holds & ~slips),
         swing_progress=(phases.swing_phase - lift_off_phase) / (1.0 - lift_off_phase),
-        raising=params.raising * flag(obstacle),
-        seek=flag(seek),
-        clearance=params.raising * flag(hit),
+        raising=params.raising * _flag(surprises.obstacle),
+        seek=_flag(seek),
+        clearance=params.raising * _flag(hit),
     )
-    events = LegEvents(
-        flag(early_touch_down),
-        flag(late_touch_down),
-        flag(early_lift_off),
-        flag(late_lift_off & (phases.swing_phase > params.tolerance)),
-        flag(slip),
-        flag(lost_contact),
-        flag(obstacle),
-    )
+    told = surprises.late_lift_off & (phases.swing_phase > params.tolerance)
+    events = LegEvents(*(_flag(x) for x in surprises._replace(slip=slips, late_lift_off=told)))
     return memory, roles, events
+
+
+def _surprises(params: CoordinationParams, phases: LegPhases, touched: Array, stand: Array, touch: Array) -> LegEvents:
+    """Where contact departs from the plan, as truth values; without the slip, which contact alone does not tell."""
+    swing, air = ~stand, ~touch
+    early_touch_down = swing & touch & (phases.swing_phase > params.early_touch_down)
+    late_lift_off = swing & touch & (phases.swing_phase <= params.late_lift_off)
+    ending = phases.stance_phase > 1.0 - params.tolerance
+    return LegEvents(
+        early_touch_down=early_touch_down,
+        late_touch_down=stand & air & ~touched & (phases.stance_phase > params.tolerance),
+        early_lift_off=stand & air & touched & ending,
+        late_lift_off=late_lift_off,
+        slip=jnp.zeros_like(stand),
+        lost_contact=stand & air & touched & ~ending,
+        obstacle=swing & touch & ~early_touch_down & ~late_lift_off,
+    )
+
+
+def _slip(
+    params: CoordinationParams, memory: LegMemory, stands: Array, lands: Array, velocity_W: Array, period: Array
+) -> tuple[Array, Array]:
+    """Way slipped since touch-down, m (4, 3), and which standing feet slip: far and fast."""
+    slip_W = jnp.where((lands & (memory.touched > 0.0))[:, None], memory.slip_W + period * velocity_W, 0.0)
+    far = (slip_W * slip_W).sum(-1) > params.slip_distance**2
+    fast = (velocity_W * velocity_W).sum(-1) > params.slip_speed**2
+    return slip_W, stands & far & fast
+
+
+def _flag(x: Array) -> Array:
+    """1.0 where true."""
+    return x.astype(jnp.float32)
