@@ -12,17 +12,17 @@ HELP = """What is a learned effect worth in the next jump?
 
 A second plant that shares no code with the model stands in for the robot, with a hidden effect. Its log (legs in the
 air, or a squat for what these do not show) is diagnosed and the model learns what was named. A jump is tuned on the
-nominal model and, from there, one on the learned model; both are replayed on that plant. One JSON line for each effect:
-apexes as promised and as reached, `lost` (what the effect takes from the nominal jump on that plant), `won_back` (what
-the learned jump has over the nominal one there) and the share of the two.
+nominal model and, by the same search, one on the learned model; both are replayed on that plant. One JSON line for
+each effect: apexes as promised and as reached, `lost` (what the effect takes from the nominal jump on that plant),
+`won_back` (what the learned jump has over the nominal one there) and the share of the two.
 
-Hidden are, one after the other, a load of 3 kg, torque sensors that read 15 % too much, springs 30 % too soft and
-motors 15 % too weak: each takes 0.07 to 0.16 m from the nominal jump. Friction in the gears, say, takes less than a
-centimetre: then there is nothing to win back, and no share is given. Not all that is lost can be won back by knowing
-it: weak motors stay weak, and a sensor that reads too much also lowers what the limits of the commanded torque let
-through. The learned jump has been searched for longer, by the stages that went on from the nominal one.
+Hidden are, one after the other, a load of 3 kg, one of 2 kg in front, torque sensors that read 15 % too much, springs
+30 % too soft and motors 15 % too weak: each takes 0.07 m or more from the nominal jump. Friction in the gears, say,
+takes less than a centimetre: then there is nothing to win back, and no share is given. Not all that is lost can be won
+back by knowing it: a load stays heavy, weak motors weak, and a sensor that reads too much also lowers what the limits
+of the commanded torque let through.
 
-    starleth bench learned                                          all four (about twenty minutes)
+    starleth bench learned                                          all five (about half an hour)
     starleth bench learned --effect joint_viscous_drag --parameter coefficient=1
 """
 

@@ -7,10 +7,12 @@ import numpy as np
 
 from experiments.errors import UserError
 from experiments.files import read_bytes, shown
+from experiments.measurement.binary_tables import read_npz, read_parquet
 from experiments.measurement.column_map import ColumnMap, conversions, read_column_map
+from experiments.measurement.csv_table import read_csv
 from experiments.measurement.log import SIGNALS, BenchJoint, Log, SignalTable, signal_names
 from experiments.measurement.log_info import LogInfo, read_info
-from experiments.measurement.tables import LIMITS, Columns, Limits, read_csv, read_npz, read_parquet
+from experiments.measurement.table_limits import LIMITS, Columns, Limits
 
 ENDINGS: Final = (".csv", ".csv.gz", ".parquet", ".npz")
 

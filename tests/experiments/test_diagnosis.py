@@ -104,7 +104,7 @@ def test_a_jump_on_the_independent_plant_is_that_of_the_model_and_friction_lower
 @pytest.mark.slow
 def test_jumps_of_both_models_are_tuned_and_replayed_on_the_robot_whose_diagnosis_is_kept(tmp_path) -> None:
     hidden = Effect("torque_sensor_gain", "all", {"change": 0.2})
-    mine = tmp_path / "torque_sensor_gain@all"
+    mine = tmp_path / "torque_sensor_gain@all,change=0.2"
     (mine / "log").mkdir(parents=True)
     (mine / "log/case_0001.csv.gz").touch()
     write_json(mine / "diagnosis.json", {"verdict": "explained", "effects": []})
@@ -121,4 +121,4 @@ def test_jumps_of_both_models_are_tuned_and_replayed_on_the_robot_whose_diagnosi
     )
     assert found["won_back_share"] == pytest.approx((other["on_robot"] - nominal["on_robot"]) / found["lost"], abs=0.01)
     with pytest.raises(UserError, match="another robot"):
-        beyond_log(tmp_path, Effect("torque_sensor_gain", "all", {"change": 0.1}), 4, 0, 1, lambda text: None)
+        beyond_log(tmp_path, hidden, 4, 1, 1, lambda text: None)

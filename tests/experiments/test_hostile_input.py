@@ -21,8 +21,10 @@ from experiments.fuzz.good_files import good_csv, good_info
 from experiments.fuzz.mutations import bomb
 from experiments.fuzz.readers import READERS
 from experiments.fuzz.run import problem
+from experiments.measurement.binary_tables import read_npz
+from experiments.measurement.csv_table import read_csv
 from experiments.measurement.log_reader import read_log
-from experiments.measurement.tables import Limits, read_csv, read_npz
+from experiments.measurement.table_limits import Limits
 from experiments.sweep.definition import parse_sweep
 
 MANY = int(os.environ.get("STARLETH_FUZZ", "100000"))

@@ -1,51 +1,33 @@
-"""Columns of numbers out of CSV, Parquet and NPZ files that may come from anybody: no pickle, bounded memory."""
+"""Columns of numbers out of CSV files that may come from anybody: bounded memory, the damaged row named."""
 
 import csv
 import gzip
 import io
 import json
-import lzma
-import struct
-import tokenize
-import zipfile
 import zlib
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from typing import Final, NoReturn
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-import pyarrow.parquet
-from numpy.typing import NDArray
 
 from experiments.errors import UserError
 from experiments.files import shown
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What is read at most; ten minutes of all signals at 400 Hz are 26 million cells and 300 MB of CSV."""
-
-    file_bytes: int = 1 << 29
-    unpacked_bytes: int = 1 << 30
-    columns: int = 1000
-    cells: int = 50_000_000
-    header_bytes: int = 1 << 17
-
-
-LIMITS: Final = Limits()
-Columns = dict[str, NDArray[np.float64]]
+from experiments.measurement.table_limits import (
+    LIMITS,
+    Columns,
+    Limits,
+    brief,
+    check_cells,
+    check_names,
+    to_float,
+)
 
 _CSV_BLOCK: Final = 1 << 22
-# what zipfile, its decompressors and NumPy's parser of headers raise
-_BAD_NPZ: Final = (
-    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, OSError, EOFError, ValueError, NotImplementedError),
-    *(RuntimeError, MemoryError, struct.error, tokenize.TokenError, SyntaxError, OverflowError),
-)
 _EXPLAINED_BYTES: Final = 1 << 26  # how far the slow search for a damaged row goes
-# what spreadsheets and pandas write for 'no value', beside the empty cell
 OTHER_DELIMITERS: Final = {";": "semicolons", "\t": "tabs", ",": "commas", "|": "bars"}
+# what spreadsheets and pandas write for 'no value', beside the empty cell
 _NO_VALUE: Final = ["", "nan", "NaN", "NAN", "NA", "null"]
 
 
@@ -67,56 +49,14 @@ def read_csv(data: bytes, name: str, zipped: bool, delimiter: str = ",", limits:
                 ),
             )
             cells += block.num_rows * len(header)
-            _check_cells(cells, name, limits)
+            check_cells(cells, name, limits)
             blocks.append(block)
     except (pa.ArrowException, OSError, EOFError, zlib.error) as error:
         _explain_csv(data, name, zipped, delimiter, len(header), error)
     if not blocks:
         return {column: np.empty(0) for column in header}
     table = pa.concat_tables(blocks)
-    return {column: _to_float(table.column(column), name, column) for column in header}
-
-
-def read_parquet(data: bytes, name: str, limits: Limits = LIMITS) -> Columns:
-    """All columns of a flat Parquet file as float64, NaN where a value is null."""
-    try:
-        file = pa.parquet.ParquetFile(
-            pa.BufferReader(data),
-            thrift_string_size_limit=limits.header_bytes * 16,
-            thrift_container_size_limit=limits.columns * 100,
-        )
-        schema = file.schema_arrow
-        names = _check_names(schema.names, name, limits)
-        _check_cells(file.metadata.num_rows * len(names), name, limits)
-        groups = (file.metadata.row_group(group) for group in range(file.metadata.num_row_groups))
-        if sum(group.total_byte_size for group in groups) > limits.unpacked_bytes:
-            _too_large(name, limits)
-        return {
-            column: _to_float(file.read(columns=[column], use_threads=False).column(0), name, column)
-            for column in names
-        }
-    except (pa.ArrowException, OSError, MemoryError, OverflowError, UnicodeDecodeError) as error:
-        raise UserError(f"{name} is not a readable Parquet file ({_brief(error)}).") from None
-
-
-def read_npz(data: bytes, name: str, limits: Limits = LIMITS) -> Columns:
-    """All one-dimensional arrays of an NPZ archive as float64; pickled objects are refused."""
-    columns: Columns = {}
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            members = archive.infolist()
-            names = _check_names([_array_name(member.filename) for member in members], name, limits)
-            if sum(member.file_size for member in members) > limits.unpacked_bytes:
-                _too_large(name, limits)
-            cells = 0
-            for member, column in zip(members, names, strict=True):
-                with archive.open(member) as stream:
-                    columns[column] = _npy(stream, member.file_size, name, column)
-                cells += columns[column].size
-                _check_cells(cells, name, limits)
-    except _BAD_NPZ as error:
-        raise UserError(f"{name} is not a readable NPZ file ({_brief(error)}).") from None
-    return columns
+    return {column: to_float(table.column(column), name, column) for column in header}
 
 
 class _Capped(io.RawIOBase):
@@ -161,13 +101,13 @@ def _csv_header(data: bytes, name: str, zipped: bool, delimiter: str, limits: Li
     except UnicodeDecodeError:
         raise UserError(f"{name} is no text in UTF-8 but in another encoding, or binary; save it as UTF-8.") from None
     except (OSError, EOFError, zlib.error) as error:
-        raise UserError(f"{name} is not a readable CSV file ({_brief(error)}).") from None
+        raise UserError(f"{name} is not a readable CSV file ({brief(error)}).") from None
     if len(line) == limits.header_bytes:
         raise UserError(f"{name} has no header line within its first {limits.header_bytes} characters.")
     try:
         row = next(csv.reader([line], delimiter=delimiter, strict=True), [])
     except csv.Error as error:
-        raise UserError(f"{name}: the header line cannot be read ({_brief(error)}).") from None
+        raise UserError(f"{name}: the header line cannot be read ({brief(error)}).") from None
     other = next((mark for mark in OTHER_DELIMITERS if len(row) == 1 and mark in line), None)
     if other is not None:
         raise UserError(
@@ -176,7 +116,7 @@ def _csv_header(data: bytes, name: str, zipped: bool, delimiter: str, limits: Li
         )
     if row and all(_is_number(cell) for cell in row) and any(cell.strip() for cell in row):
         raise UserError(f"{name} has no header line: its first line holds numbers; write the columns' names there.")
-    return _check_names([column.strip() for column in row], name, limits)
+    return check_names([column.strip() for column in row], name, limits)
 
 
 def _csv_blocks(data: bytes, name: str, zipped: bool, limits: Limits) -> Iterator[bytes]:
@@ -219,7 +159,7 @@ def _explain_csv(data: bytes, name: str, zipped: bool, delimiter: str, width: in
                     )
     except (OSError, EOFError, zlib.error, ValueError, csv.Error) as later:
         error = later
-    raise UserError(f"{name} is not a readable CSV file ({_brief(error)}).") from None
+    raise UserError(f"{name} is not a readable CSV file ({brief(error)}).") from None
 
 
 def _is_number(cell: str) -> bool:
@@ -230,61 +170,3 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return "_" not in cell  # Python's own 1_000
-
-
-def _npy(stream: io.BufferedIOBase, size: int, name: str, column: str) -> NDArray[np.float64]:
-    version = np.lib.format.read_magic(stream)
-    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
-    if version not in read_header:
-        raise ValueError(f"array format {version}")
-    shape, _, dtype = read_header[version](stream)
-    if dtype.kind not in "fiub" or dtype.itemsize > 8 or len(shape) != 1:
-        raise UserError(f"{name}: {shown(column)} is no array of numbers over time ({dtype}, shape {shape}).")
-    # the size declared in the directory bounds the header's claim before anything is allocated
-    if shape[0] < 0 or shape[0] * dtype.itemsize > size:
-        raise ValueError(f"{shown(column)} is shorter than its header says")
-    content = stream.read(shape[0] * dtype.itemsize)
-    return np.frombuffer(content, dtype, count=shape[0]).astype(np.float64)
-
-
-def _array_name(member: str) -> str:
-    return member.removesuffix(".npy")
-
-
-def _to_float(column: pa.ChunkedArray, name: str, label: str) -> NDArray[np.float64]:
-    kind = column.type
-    if pa.types.is_null(kind):  # nothing but empty cells
-        return np.full(len(column), np.nan)
-    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)):
-        raise UserError(f"{name}: column {shown(label)} holds {shown(str(kind))} where numbers are expected.")
-    if pa.types.is_boolean(kind):
-        column = column.cast(pa.uint8())
-    return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
-
-
-def _check_names(names: Iterable[str], name: str, limits: Limits) -> list[str]:
-    found = list(names)
-    if not found or found == [""]:
-        raise UserError(f"{name} is empty; a log has a header line that starts with 'time' and a row for each sample.")
-    if len(found) > limits.columns:
-        raise UserError(f"{name} has {len(found)} columns, more than the {limits.columns} that are read.")
-    seen: set[str] = set()
-    for column in found:
-        if column in seen:
-            raise UserError(f"{name} has the column '{shown(column)}' twice; rename or delete one of them.")
-        seen.add(column)
-    return found
-
-
-def _check_cells(cells: int, name: str, limits: Limits) -> None:
-    if cells > limits.cells:
-        raise UserError(f"{name} holds more than the {limits.cells} values that are read; cut the log into parts.")
-
-
-def _too_large(name: str, limits: Limits) -> NoReturn:
-    raise UserError(f"{name} unpacks to more than the {limits.unpacked_bytes} bytes that are read; cut the log.")
-
-
-def _brief(error: Exception) -> str:
-    text = shown(" ".join(str(error).split()) or type(error).__name__)
-    return text if len(text) <= 120 else text[:119] + "…"
