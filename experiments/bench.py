@@ -37,7 +37,6 @@ from sea_jax import JointCommand, JointMeasurement, JointMotion
 
 ROUNDS = 5
 CHUNKS_EACH = 4  # of every device in a round: as a generation of 15 candidates under 4 perturbations has on two
-WEIGHT = 263.0  # N, of the robot
 KP, KD = 100.0, 2.0  # joint servo of the entries without a controller, as in the MuJoCo C run
 # mjx.step's; our own programs cost no less per environment at 16 or 32 than at CHUNK (the closed loop at 32: 1.7 times)
 MJX_CHUNK = 16
@@ -172,8 +171,10 @@ def drives(model: Model, ticks: int = 400) -> Program:
 
 def force_distribution(model: Model, ticks: int = 400) -> Program:
     """Warm-started force distribution for a wrench that wanders."""
-    settings = _loop(model, "squat_jump").task.settings
+    loop = _loop(model, "squat_jump")
+    settings = loop.task.settings
     geometry = settings.geometry
+    load = geometry.gravity * loop.plant.params.bodies.mass.sum()
     stance, _ = _stance(model.numbers)
     legs = leg_kinematics(geometry, jnp.asarray(stance, jnp.float32))
     weight = weight_torque(geometry, legs, jnp.eye(3))
@@ -184,7 +185,7 @@ def force_distribution(model: Model, ticks: int = 400) -> Program:
             angle = 0.02 * k.astype(jnp.float32) + phase
             wave = jnp.sin(angle * jnp.arange(1.0, 7.0))
             wrench = wave * jnp.array([60.0, 60.0, 150.0, 15.0, 15.0, 10.0])
-            wrench = wrench + WEIGHT * jnp.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+            wrench = wrench + load * jnp.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
             state, forces = distribute_forces(shared.distribution, state, problem, wrench)
             return state, forces.step_left
 
