@@ -13,7 +13,7 @@ from experiments.effects.places import mask
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import Change, Products, Variant, gain, projected
 from experiments.measurement.nominal import at_end
-from experiments.measurement.refit import FARTHEST, Nominal, Refitted
+from experiments.measurement.refit import Nominal, Refitted, reach
 
 
 class Scored(NamedTuple):
@@ -100,8 +100,23 @@ def following(
         moved[-1] += 1.0  # the residual itself
         hessian = hessian + g.T @ gram @ g
         gradient = gradient + g.T @ gram @ moved
-    wanted = np.clip(now - np.linalg.solve(hessian, gradient), -FARTHEST, FARTHEST) * deviation
+    low, high = (bound / deviation for bound in reach(atoms.effects, nominal))
+    wanted = (now + _bounded_step(hessian, gradient, low - now, high - now)) * deviation
     return np.where([_moves(scored, n, place, atoms.joint_names) for n in nominal], 0.0, wanted)
+
+
+def _bounded_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The Newton step (k,) within bounds: what would leave them stays at them, and the others do without it."""
+    step, free = np.zeros(len(gradient)), np.ones(len(gradient), bool)
+    while free.any():
+        rest = gradient[free] + hessian[np.ix_(free, ~free)] @ step[~free]
+        step[free] = -np.linalg.solve(hessian[np.ix_(free, free)], rest)
+        out = free & ((step < low) | (step > high))
+        if not out.any():
+            break
+        step[out] = np.clip(step[out], low[out], high[out])
+        free &= ~out
+    return np.clip(step, low, high)
 
 
 def _moves(scored: Scored, n: Nominal, place: np.ndarray, joint_names: tuple[str, ...]) -> bool:

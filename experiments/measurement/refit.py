@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from experiments.effects.effect import Effect
 from experiments.measurement.evidence import Evidence, Point
 
 ITERATIONS = 8
@@ -284,11 +285,18 @@ def _variables(log: Evidence, effects: Sequence[Placed], nominal: Sequence[Nomin
         for p in effects
         for q in known[p.effect].parameters
     ]
-    for n in nominal:
-        parameter = next(q for q in known[n.effect].parameters if q.name == n.parameter)
-        low, high = max(parameter.low, -FARTHEST * n.deviation), min(parameter.high, FARTHEST * n.deviation)
+    for n, low, high in zip(nominal, *reach(log.atoms.effects, nominal), strict=True):
         found.append(_Variable(n.effect, n.where, n.parameter, low, high, n.deviation, n.deviation))
     return found
+
+
+def reach(effects: Sequence[Effect], nominal: Sequence[Nominal]) -> tuple[np.ndarray, np.ndarray]:
+    """Least and greatest value of each nominal number, in its own unit: FARTHEST, or its parameter's own bound."""
+    known = {(effect.name, p.name): p for effect in effects for p in effect.parameters}
+    bounds = [known[n.effect, n.parameter] for n in nominal]
+    low = [max(p.low, -FARTHEST * n.deviation) for p, n in zip(bounds, nominal, strict=True)]
+    high = [min(p.high, FARTHEST * n.deviation) for p, n in zip(bounds, nominal, strict=True)]
+    return np.array(low), np.array(high)
 
 
 def _first(effects: Sequence[Placed], x: _Variable) -> float:
