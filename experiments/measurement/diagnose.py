@@ -10,7 +10,7 @@ from experiments.measurement.gather import gather
 from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.leftover import Hint, hints
 from experiments.measurement.log import Log
-from experiments.measurement.misfit import Misfit, excess, misfit
+from experiments.measurement.misfit import Misfit, above_floor, excess, misfit
 from experiments.measurement.next_experiment import NextExperiment, next_experiment
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom, timing
@@ -77,7 +77,7 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     clock = timing(evidence[0].atoms.effects)
     strict = select(evidence, clock, say, most=0)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
-        if excess(evidence, strict.fit) <= 0:
+        if above_floor(evidence, strict.fit) <= 0:
             return strict
         return select(evidence, clock, say, 1, promising=LEAST_STEP, begun=strict.ladder[0])
     standing = any(log.standing for log in evidence)
@@ -101,7 +101,10 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
 
 
 def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bool:
-    """Whether freeing the nominal numbers explains more, or as much with fewer effects and no number at its end."""
+    """Whether freeing the nominal numbers explains more, or as much with fewer effects and no number at its end, or
+    finds an effect where the nominal numbers hid all."""
+    if freed.fit.effects and not strict.fit.effects:
+        return True
     if len(freed.fit.effects) < len(strict.fit.effects) and not at_end(freed.nominal, freed.fit):
         return excess(logs, freed.fit) < max(excess(logs, strict.fit), 2.0 * WELL_EXPLAINED)
     return excess(logs, freed.fit) < 0.8 * excess(logs, strict.fit)

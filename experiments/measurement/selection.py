@@ -22,8 +22,11 @@ from experiments.measurement.refit import Nominal, Placed, Refitted, refit, refi
 
 MOST_EFFECTS = 6
 FINALISTS = 5  # effects that are refitted in each round
+# and as many more as score nearly as well: of sharp effects the linear score tells little
+NEARLY, MOST_FINALISTS = 0.5, 8
 LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypothesis, and there are a thousand
 LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
+CLEAR_GAIN, CLEAR_SHARE = 300.0, 0.03  # linear score, and of the noise where it acts, that make an effect worth a try
 LEAST_STEP = 0.2  # of what is left over the noise where an effect acts: one that takes less is not what is missing
 LEAST_REST = 0.005  # of noise's own chi^2, above the floor: a smaller rest is no effect
 TIE = 0.25  # of what the winner leaves over the noise, or takes away: a rival that is closer cannot be told from it
@@ -32,6 +35,7 @@ NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to
 DOMINATED = 0.05  # of the best linear score: hypotheses below it are not refitted
 SHORT_FIT = 4  # iterations of a finalist's refit
 REFINED = 2  # finalists that are fitted again with all nominal numbers
+COVERAGE = 1.96  # standard deviations to each side that an interval reaches
 NEAR = 2.0  # times the best one's chi^2 on held-out blocks that they may leave
 
 
@@ -98,13 +102,16 @@ def select(
         fit = refit(logs, (), nominal, start)
         begun = Rung("nominal model", fit, refit(logs, (), nominal, fit, train, SHORT_FIT))
     selection = Selection(begun.fit, nominal, Elsewhere(logs, nominal), ladder=[begun])
-    while len(selection.fit.effects) < most and excess(logs, selection.fit) > least and _more(logs, selection):
+    while len(selection.fit.effects) < most and excess(logs, selection.fit) > least:
+        if selection.fit.effects and not _more(logs, selection):
+            break
         say(f"scoring {len(variants)} hypotheses at every place")
         before = selection.ladder[-1].proof
         products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
         ranking = scored_at(logs, products, selection.fit, nominal, changes, variants)
         selection.rankings.append(ranking)
-        if ranking[0].gain < promising * (selection.fit.total - _weight(logs, _all_blocks(logs))):
+        over = selection.fit.total - _weight(logs, _all_blocks(logs))
+        if ranking[0].gain < promising * over or not (_more(logs, selection) or _clear(logs, ranking)):
             break
         finalists = []
         for scored in _finalists(ranking, selection.fit.effects):
@@ -134,10 +141,24 @@ def _more(logs: Sequence[Evidence], selection: Selection) -> bool:
     return above_floor(logs, selection.fit) > max(LEAST_GAIN, LEAST_REST * _weight(logs, _all_blocks(logs)))
 
 
+def _clear(logs: Sequence[Evidence], ranking: Sequence[Scored]) -> bool:
+    """Whether an effect at a few joints stands out although what is left is little for the whole robot.
+
+    Of robots that lack nothing, whatever their numbers, the best score is a third of this or less, and so is its share.
+    """
+    weight, joint_names = _weight(logs, _all_blocks(logs)), logs[0].atoms.joint_names
+    for best in best_of_each(ranking)[:FINALISTS]:
+        place = mask(best.where, best.effect.axis, joint_names)
+        if best.gain > max(CLEAR_GAIN, CLEAR_SHARE * weight * place.sum() / len(place)):
+            return True
+    return False
+
+
 def _chosen(
     finalists: list[Finalist], before: Refitted, logs: Sequence[Evidence], test, selection: Selection
 ) -> tuple[Finalist, list[Finalist]] | None:
     """The winner and its rivals: proven on held-out blocks and, of several logs, not refuted by one left out whole."""
+    finalists = [f for f in finalists if told_from_none(f.scored.effect, f.fit)]
     best = finalists[0] if finalists else None
     if best is None or not _proven(best.scored.effect, best.scored.where, before, best.held_out, logs, test):
         return None
@@ -149,6 +170,16 @@ def _chosen(
             return one, [other for other in close if other is not one]
         selection.refuted.append(Refuted(one.scored.effect.name, one.scored.where, log))
     return None
+
+
+def told_from_none(effect: Effect, fit: Refitted) -> bool:
+    """Whether a fit tells its last effect from none: not where the intervals of all its strengths hold zero, nor where
+    that of a shape does without which there is no effect (a speed, a width)."""
+    values = fit.effects[-1].parameters
+    spread = np.sqrt(np.maximum(np.diag(fit.covariance)[-len(values) :], 0.0))
+    sure = {name: abs(value) > COVERAGE * one for (name, value), one in zip(values.items(), spread, strict=True)}
+    shapes = [p.name for p in effect.parameters if p.role == "shape" and p.low > 0]
+    return any(sure[p.name] for p in effect.strengths) and all(sure[name] for name in shapes)
 
 
 def _with_nominal(finalists: list[Finalist], logs, nominal, train, test) -> list[Finalist]:
@@ -164,8 +195,9 @@ def _with_nominal(finalists: list[Finalist], logs, nominal, train, test) -> list
 def _finalists(ranking: Sequence[Scored], chosen: Sequence[Placed]) -> list[Scored]:
     taken = {(p.effect, p.where) for p in chosen}
     fresh = [s for s in ranking if (s.effect.name, s.where) not in taken]
-    best = [s for s in best_of_each(fresh) if s.gain > LEAST_GAIN / 2][:FINALISTS]
-    best = [s for s in best if s.gain > DOMINATED * best[0].gain]
+    best = [s for s in best_of_each(fresh) if s.gain > LEAST_GAIN / 2][:MOST_FINALISTS]
+    near = sum(s.gain > NEARLY * best[0].gain for s in best)
+    best = [s for s in best[: max(FINALISTS, near)] if s.gain > DOMINATED * best[0].gain]
     if best:  # the winner's next best place is a hypothesis of its own
         rivals = [s for s in fresh if s.effect is best[0].effect and s.where != best[0].where]
         best += [s for s in rivals if s.gain > 0.7 * best[0].gain][:1]

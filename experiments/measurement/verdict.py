@@ -11,14 +11,14 @@ from experiments.measurement.joint_form import imitated
 from experiments.measurement.linear_score import best_of_each
 from experiments.measurement.misfit import FLOOR, above_floor, excess, misfit
 from experiments.measurement.refit import Placed, Refitted
-from experiments.measurement.selection import Selection, halves
+from experiments.measurement.selection import COVERAGE, Selection, halves
 
 Verdict = Literal["explained", "partly_explained", "none", "unknown", "not_identifiable", "data_fault"]
 
 QUIET = 1.3 * FLOOR  # residual over noise of the worst channel where nothing is missing
 FOUND_SHARE = 0.7  # of the excess over the floor that the effects must take away to be believed
 LARGE = 0.2  # of the nominal excess: a smaller effect that has rivals does not make the verdict uncertain
-COVERAGE = 1.96
+NOTHING_LEFT = 5e-4  # of the misfit: it rounds to 0.0 %, however many noises of a strong effect that still is
 
 
 def unexplained(logs: Sequence[Evidence], selection: Selection) -> float:
@@ -48,7 +48,8 @@ def decide(logs: Sequence[Evidence], selection: Selection) -> tuple[Verdict, tup
         return "unknown", ()
     if any(tied and _large(logs, selection, k) for k, tied in enumerate(selection.ties)):
         return "not_identifiable", effects
-    return ("explained" if left <= 1.5 * FLOOR else "partly_explained"), effects
+    whole = left <= 1.5 * FLOOR or unexplained(logs, selection) < NOTHING_LEFT
+    return ("explained" if whole else "partly_explained"), effects
 
 
 def _unknown_law(logs: Sequence[Evidence | JointEvidence], selection: Selection) -> bool:

@@ -1,8 +1,12 @@
 """Which of several finalists is named, and which count as its rivals."""
 
+import numpy as np
+import pytest
+
 from experiments.effects import LIBRARY
 from experiments.measurement.linear_score import Scored
-from experiments.measurement.selection import Finalist, simplest
+from experiments.measurement.refit import Placed, Refitted
+from experiments.measurement.selection import Finalist, simplest, told_from_none
 from mjx_starleth.names import JOINT_NAMES
 
 NOISE, BEFORE = 1000.0, 9000.0  # chi^2 of noise alone, and without any effect
@@ -29,3 +33,19 @@ def test_another_effect_that_fits_as_well_is_a_rival_unless_it_has_more_paramete
     one, other = finalist("coulomb_friction", "HFE", 1050.0), finalist("load_friction", "all", 1060.0)
     assert named(one, other) == ("HFE", ["all"])
     assert named(one, finalist("stribeck_friction", "all", 1045.0)) == ("HFE", [])
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "spread", "believed"),
+    [
+        ("coulomb_friction", {"torque": 0.004}, [0.001], True),
+        ("coulomb_friction", {"torque": 0.004}, [0.003], False),
+        ("stribeck_friction", {"torque": -0.004, "velocity": 0.2}, [0.001, 0.15], False),
+        ("stribeck_friction", {"torque": -0.004, "velocity": 0.2}, [0.001, 0.02], True),
+        ("constant_force", {"x": 0.1, "y": 20.0, "z": 0.1}, [1.0, 1.0, 1.0], True),
+        ("payload", {"mass": 2.0, "x": 0.0, "y": 0.0, "z": 0.1}, [0.1, 0.02, 0.02, 0.2], True),
+    ],
+)
+def test_an_effect_is_not_believed_whose_interval_holds_none(name, values, spread, believed) -> None:
+    fit = Refitted((Placed(name, "all", values),), np.zeros(0), np.zeros(0), (), (), np.diag(np.square(spread)))
+    assert told_from_none(LIBRARY[name], fit) == believed
