@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.effects.effect import Effect
+from experiments.effects.places import mask
 from experiments.measurement.evidence import Evidence, Point
 
 ITERATIONS = 8
@@ -19,6 +20,7 @@ STEP_LENGTHS = (1.0, 0.4, 0.1)
 STARTS = (1.0, 0.7, 0.4, 0.2)  # of the strength that a linear score gives an effect, which may overshoot
 FARTHEST = 2.0  # deviations that a nominal number may be off by: beyond them it is an effect and has to prove itself
 BLOWN_UP = 1e12  # chi^2 of a block whose replay is no number; finite, so that masks and sums keep their sense
+PINNED = 1e-6  # of its deviation, that a number may be off by where an effect stands for it
 DIFFERENCE = 0.01  # of a parameter's start: the step of the difference quotients
 
 
@@ -286,8 +288,18 @@ def _variables(log: Evidence, effects: Sequence[Placed], nominal: Sequence[Nomin
         for q in known[p.effect].parameters
     ]
     for n, low, high in zip(nominal, *reach(log.atoms.effects, nominal), strict=True):
-        found.append(_Variable(n.effect, n.where, n.parameter, low, high, n.deviation, n.deviation))
+        prior = n.deviation
+        if any(_takes_over(known[p.effect], p, n, log.atoms.joint_names) for p in effects):
+            low, high, prior = 0.0, 0.0, PINNED * n.deviation
+        found.append(_Variable(n.effect, n.where, n.parameter, low, high, n.deviation, prior))
     return found
+
+
+def _takes_over(effect: Effect, placed: Placed, n: Nominal, joint_names: tuple[str, ...]) -> bool:
+    """Whether an effect changes a nominal number wherever that counts: free beside it, neither would be determined."""
+    if effect.name != n.effect or n.parameter not in placed.parameters:
+        return False
+    return bool((mask(placed.where, effect.axis, joint_names) >= mask(n.where, effect.axis, joint_names)).all())
 
 
 def reach(effects: Sequence[Effect], nominal: Sequence[Nominal]) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ import pytest
 from experiments.effects import LIBRARY
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.evidence import Point
-from experiments.measurement.refit import BLOWN_UP, Placed, refit, refit_effects
+from experiments.measurement.refit import BLOWN_UP, Nominal, Placed, refit, refit_effects
 
 HIDDEN = 40.0  # N m/rad^3
 BLOCKS = 4
@@ -63,3 +63,11 @@ def test_an_effect_whose_linear_score_overshoots_is_found_from_less() -> None:
     held = refit([log], (), ())
     found = refit_effects([log], too_strong, (), held, [np.ones(BLOCKS, bool)], 4)
     assert found.effects[0].parameters["cubic"] == pytest.approx(HIDDEN, abs=1e-3)
+
+
+def test_a_number_that_an_effect_stands_for_stays_nominal() -> None:
+    log, number = Formula(bursts=np.inf), Nominal("spring_stiffening", "axis", "cubic", 20.0)
+    (alone,) = refit([log], (), [number]).nominal
+    found = refit([log], [Placed("spring_stiffening", "axis", {"cubic": 5.0})], [number])
+    assert alone == pytest.approx(HIDDEN, rel=0.01)
+    assert abs(found.nominal[0]) < 1e-3 and found.effects[0].parameters["cubic"] == pytest.approx(HIDDEN, abs=1e-3)
