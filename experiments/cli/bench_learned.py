@@ -11,7 +11,7 @@ from experiments.cli.options import DevicesOption, SeedOption, available_cores, 
 HELP = """What is a learned effect worth in the next jump?
 
 A second plant that shares no code with the model stands in for the robot, with a hidden effect. Its log (legs in the
-air, or a squat for what these do not show) is diagnosed and the model learns what was named. A jump is tuned on the
+air, or hops for what these do not show) is diagnosed and the model learns what was named. A jump is tuned on the
 nominal model and, by the same search, one on the learned model; both are replayed on that plant. One JSON line for
 each effect: apexes as promised and as reached, `lost` (what the effect takes from the nominal jump on that plant),
 `won_back` (what the learned jump has over the nominal one there) and the share of the two.

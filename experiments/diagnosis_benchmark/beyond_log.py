@@ -97,10 +97,10 @@ def _claim(folder: Path, settings: dict[str, Any]) -> None:
 
 
 def _log(folder: Path, hidden: Effect, seed: int) -> Path:
-    """A log of the robot with the effect: legs in the air or, where these do not show it, a squat."""
+    """A log of the robot with the effect: legs in the air or, where these do not show it, hops."""
     log = folder / "log" / "case_0001.csv.gz"
     if not log.exists():
-        motion = "air" if reachable("air", hidden.effect) else "squat"
+        motion = "air" if reachable("air", hidden.effect) else "hops"
         write_batch([Case(motion, effects=(hidden,), seed=seed, duration=LOG_DURATION)], [1], folder / "log")
     return log
 

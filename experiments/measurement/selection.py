@@ -214,7 +214,8 @@ def simplest(
     """
     best = finalists[0].held_out
     reach = max(TIE * min(best - noise, before - best), LEAST_GAIN)
-    enough = max(best + reach, noise)  # nothing is better than noise
+    # nothing is better than noise; but a weak effect is little beside what the noise may be wrong by in all channels
+    enough = max(best + reach, min(noise, best + TIE * (before - best)))
     close = [f for f in finalists if f.held_out <= enough]
     fewest = min(len(f.scored.effect.parameters) for f in close)
     simple = [f for f in close if len(f.scored.effect.parameters) == fewest]

@@ -35,6 +35,14 @@ def test_another_effect_that_fits_as_well_is_a_rival_unless_it_has_more_paramete
     assert named(one, finalist("stribeck_friction", "all", 1045.0)) == ("HFE", [])
 
 
+def test_a_weak_effect_is_not_given_up_for_a_simpler_one_because_the_noise_was_taken_too_large() -> None:
+    load, links = finalist("payload", "torso", 52500.0), finalist("link_mass", "HAA", 52900.0)
+    winner, rivals = simplest([load, links], 53800.0, 53300.0, JOINT_NAMES)
+    assert winner.scored.effect.name == "payload" and rivals == []
+    winner, _ = simplest([load, links], 63800.0, 53300.0, JOINT_NAMES)  # a strong one explains the log down to noise
+    assert winner.scored.effect.name == "link_mass"
+
+
 @pytest.mark.parametrize(
     ("name", "values", "spread", "believed"),
     [
