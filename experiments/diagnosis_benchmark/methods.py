@@ -16,13 +16,14 @@ from experiments.effects.places import mask
 from experiments.measurement.diagnose import diagnose_evidence
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
+from experiments.measurement.fit_types import Placed
 from experiments.measurement.gather import gather
 from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.linear_score import best_of_each, score
 from experiments.measurement.log import Log
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import nominal_freedom
-from experiments.measurement.refit import Placed, refit
+from experiments.measurement.refit import refit
 from experiments.model import Model
 
 Answer = dict[str, Any]

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from experiments.effects.effect import Effect
+from experiments.measurement.belief import LEAST_STEP
 from experiments.measurement.evidence import Evidence
+from experiments.measurement.fit_types import Placed
 from experiments.measurement.gather import gather
 from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.leftover import Hint, hints
@@ -14,8 +16,8 @@ from experiments.measurement.misfit import Misfit, above_floor, excess, misfit
 from experiments.measurement.next_experiment import NextExperiment, next_experiment
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom, timing
-from experiments.measurement.refit import Placed, refit
-from experiments.measurement.selection import LEAST_STEP, NOISE, Selection, select
+from experiments.measurement.refit import refit
+from experiments.measurement.selection import NOISE, Selection, select
 from experiments.measurement.verdict import (
     Verdict,
     decide,

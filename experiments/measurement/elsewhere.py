@@ -9,7 +9,8 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from experiments.measurement.evidence import Evidence
-from experiments.measurement.refit import Nominal, Placed, Refitted, refit, settle
+from experiments.measurement.fit_types import Nominal, Placed, Refitted
+from experiments.measurement.refit import refit, settle
 
 LEARNED = 40.0  # fall of chi^2 on the other logs from which they teach anything about an effect
 WORSE = 0.01  # of the unseen log's noise variance, by which an imitation makes it worse

@@ -9,8 +9,8 @@ from experiments.effects.places import mask
 from experiments.measurement.body_evidence import BODY_HOOKS
 from experiments.measurement.drive_evidence import DRIVE_HOOKS
 from experiments.measurement.evidence import Evidence
+from experiments.measurement.fit_types import Refitted
 from experiments.measurement.joint_evidence import JointEvidence
-from experiments.measurement.refit import Refitted
 
 
 def left_at(

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from experiments.measurement.fit_types import Nominal, Refitted
 from experiments.measurement.joint_evidence import JointEvidence
-from experiments.measurement.refit import Nominal, Refitted
 
 KNOTS = 7  # of the free function
 ENDS = (1.0, 99.0)  # per cent of the rows between which they lie

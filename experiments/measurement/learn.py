@@ -11,13 +11,14 @@ from experiments.effects.places import mask
 from experiments.errors import UserError
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
+from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.gather import gather
 from experiments.measurement.linear_score import score
 from experiments.measurement.log import Log
 from experiments.measurement.misfit import misfit
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import nominal_freedom, timing
-from experiments.measurement.refit import Placed, Refitted, refit
+from experiments.measurement.refit import refit
 from experiments.measurement.verdict import COVERAGE
 from experiments.model import FittedValue, Model, PlacedEffect
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.measurement.evidence import DRIVE_CHANNELS, Evidence, sum_blocks
+from experiments.measurement.fit_types import Refitted
 from experiments.measurement.joint_evidence import JointEvidence
-from experiments.measurement.refit import Refitted
 
 Array = np.ndarray
 

@@ -12,8 +12,9 @@ from experiments.effects.effect import Effect
 from experiments.effects.places import mask
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import Change, Products, Variant, gain, projected
+from experiments.measurement.fit_types import Nominal, Refitted
+from experiments.measurement.fit_variables import reach
 from experiments.measurement.nominal import at_end
-from experiments.measurement.refit import Nominal, Refitted, reach
 
 
 class Scored(NamedTuple):

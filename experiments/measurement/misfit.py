@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiments.measurement.evidence import Evidence
+from experiments.measurement.fit_types import Refitted
 from experiments.measurement.joint_evidence import JointEvidence
-from experiments.measurement.refit import Refitted
 
 FLOOR = 1.15  # residual over noise up to which a channel counts as explained
 

@@ -7,7 +7,8 @@ from experiments.effects.delay import LOOP_TIMING
 from experiments.effects.effect import Effect
 from experiments.effects.inertia import LINK_COM
 from experiments.measurement.features import NUISANCES
-from experiments.measurement.refit import FARTHEST, Nominal, Refitted
+from experiments.measurement.fit_types import Nominal, Refitted
+from experiments.measurement.fit_variables import FARTHEST
 from experiments.model import JointNumbers, Model
 from mjx_starleth.numbers import RobotNumbers, load_numbers
 

@@ -8,43 +8,37 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-import numpy as np
-
-from experiments.effects.effect import Effect
 from experiments.effects.places import mask
+from experiments.measurement.belief import (
+    LEAST_GAIN,
+    Finalist,
+    all_blocks,
+    chi2_on,
+    halves,
+    proven,
+    simplest,
+    told_from_none,
+    weight_of,
+)
 from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
-from experiments.measurement.footprint import left_at
+from experiments.measurement.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.linear_score import Scored, best_of_each, following, scored_at
 from experiments.measurement.misfit import above_floor, excess
-from experiments.measurement.refit import Nominal, Placed, Refitted, refit, refit_effects
+from experiments.measurement.refit import refit, refit_effects
 
 MOST_EFFECTS = 6
 FINALISTS = 5  # effects that are refitted in each round
 # and as many more as score nearly as well: of sharp effects the linear score tells little
 NEARLY, MOST_FINALISTS = 0.5, 8
-LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypothesis, and there are a thousand
-LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
 CLEAR_GAIN, CLEAR_SHARE = 300.0, 0.03  # linear score, and of the noise where it acts, that make an effect worth a try
-LEAST_STEP = 0.2  # of what is left over the noise where an effect acts: one that takes less is not what is missing
 LEAST_REST = 0.005  # of noise's own chi^2, above the floor: a smaller rest is no effect
-TIE = 0.25  # of what the winner leaves over the noise, or takes away: a rival that is closer cannot be told from it
-NOTHING = 4.0  # of chi^2, by which joints differ that do not feel an effect
 NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
 DOMINATED = 0.05  # of the best linear score: hypotheses below it are not refitted
 SHORT_FIT = 4  # iterations of a finalist's refit
 REFINED = 2  # finalists that are fitted again with all nominal numbers
-COVERAGE = 1.96  # standard deviations to each side that an interval reaches
 NEAR = 2.0  # times the best one's chi^2 on held-out blocks that they may leave
-
-
-class Finalist(NamedTuple):
-    """A refitted hypothesis; chi^2 on the blocks it was not fitted to."""
-
-    scored: Scored
-    fit: Refitted
-    held_out: float
 
 
 class Rung(NamedTuple):
@@ -110,7 +104,7 @@ def select(
         products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
         ranking = scored_at(logs, products, selection.fit, nominal, changes, variants)
         selection.rankings.append(ranking)
-        over = selection.fit.total - _weight(logs, _all_blocks(logs))
+        over = selection.fit.total - weight_of(logs, all_blocks(logs))
         if ranking[0].gain < promising * over or not (_more(logs, selection) or _clear(logs, ranking)):
             break
         finalists = []
@@ -119,7 +113,7 @@ def select(
             trial = (*selection.fit.effects, Placed(scored.effect.name, scored.where, scored.values))
             held = replace(selection.fit, nominal=following(logs, products, selection.fit, nominal, changes, scored))
             fitted = refit_effects(logs, trial, nominal, held, train, SHORT_FIT)
-            finalists.append(Finalist(scored, fitted, _on(fitted, test)))
+            finalists.append(Finalist(scored, fitted, chi2_on(fitted, test)))
         finalists = _with_nominal(finalists, logs, nominal, train, test)
         selection.refitted.append({(f.scored.effect.name, f.scored.where): f.held_out for f in finalists})
         chosen = _chosen(finalists, before, logs, test, selection)
@@ -138,7 +132,7 @@ def select(
 
 def _more(logs: Sequence[Evidence], selection: Selection) -> bool:
     """Whether the fit leaves anything above the floor that is worth an effect."""
-    return above_floor(logs, selection.fit) > max(LEAST_GAIN, LEAST_REST * _weight(logs, _all_blocks(logs)))
+    return above_floor(logs, selection.fit) > max(LEAST_GAIN, LEAST_REST * weight_of(logs, all_blocks(logs)))
 
 
 def _clear(logs: Sequence[Evidence], ranking: Sequence[Scored]) -> bool:
@@ -146,7 +140,7 @@ def _clear(logs: Sequence[Evidence], ranking: Sequence[Scored]) -> bool:
 
     Of robots that lack nothing, whatever their numbers, the best score is a third of this or less, and so is its share.
     """
-    weight, joint_names = _weight(logs, _all_blocks(logs)), logs[0].atoms.joint_names
+    weight, joint_names = weight_of(logs, all_blocks(logs)), logs[0].atoms.joint_names
     for best in best_of_each(ranking)[:FINALISTS]:
         place = mask(best.where, best.effect.axis, joint_names)
         if best.gain > max(CLEAR_GAIN, CLEAR_SHARE * weight * place.sum() / len(place)):
@@ -160,9 +154,9 @@ def _chosen(
     """The winner and its rivals: proven on held-out blocks and, of several logs, not refuted by one left out whole."""
     finalists = [f for f in finalists if told_from_none(f.scored.effect, f.fit)]
     best = finalists[0] if finalists else None
-    if best is None or not _proven(best.scored.effect, best.scored.where, before, best.held_out, logs, test):
+    if best is None or not proven(best.scored.effect, best.scored.where, before, best.held_out, logs, test):
         return None
-    winner, rivals = simplest(finalists, _on(before, test), _weight(logs, test), logs[0].atoms.joint_names)
+    winner, rivals = simplest(finalists, chi2_on(before, test), weight_of(logs, test), logs[0].atoms.joint_names)
     close = [winner, *rivals]
     for one in close:
         log = selection.elsewhere.refutes(one.fit.effects, one.fit)
@@ -172,23 +166,13 @@ def _chosen(
     return None
 
 
-def told_from_none(effect: Effect, fit: Refitted) -> bool:
-    """Whether a fit tells its last effect from none: not where the intervals of all its strengths hold zero, nor where
-    that of a shape does without which there is no effect (a speed, a width)."""
-    values = fit.effects[-1].parameters
-    spread = np.sqrt(np.maximum(np.diag(fit.covariance)[-len(values) :], 0.0))
-    sure = {name: abs(value) > COVERAGE * one for (name, value), one in zip(values.items(), spread, strict=True)}
-    shapes = [p.name for p in effect.parameters if p.role == "shape" and p.low > 0]
-    return any(sure[p.name] for p in effect.strengths) and all(sure[name] for name in shapes)
-
-
 def _with_nominal(finalists: list[Finalist], logs, nominal, train, test) -> list[Finalist]:
     """Best first; the best few are fitted again with the nominal numbers free."""
     finalists.sort(key=lambda f: f.held_out)
     near = [f for f in finalists[:REFINED] if f.held_out < NEAR * finalists[0].held_out]
     for i, finalist in enumerate(near):
         fit = refit(logs, finalist.fit.effects, nominal, finalist.fit, train, SHORT_FIT)
-        finalists[i] = finalist._replace(fit=fit, held_out=_on(fit, test))
+        finalists[i] = finalist._replace(fit=fit, held_out=chi2_on(fit, test))
     return sorted(finalists, key=lambda f: f.held_out)
 
 
@@ -204,35 +188,6 @@ def _finalists(ranking: Sequence[Scored], chosen: Sequence[Placed]) -> list[Scor
     return best
 
 
-def simplest(
-    finalists: list[Finalist], before: float, noise: float, joint_names: tuple[str, ...]
-) -> tuple[Finalist, list[Finalist]]:
-    """Of those that the held-out blocks cannot tell from the best, the one with the fewest parameters, and its rivals.
-
-    A rival with more parameters is no rival: an effect that holds another as its limit always fits as well. Nor is the
-    winner at another place: where joints do not feel an effect, the one with the fewest joints is what was seen.
-    """
-    best = finalists[0].held_out
-    reach = max(TIE * min(best - noise, before - best), LEAST_GAIN)
-    # nothing is better than noise; but a weak effect is little beside what the noise may be wrong by in all channels
-    enough = max(best + reach, min(noise, best + TIE * (before - best)))
-    close = [f for f in finalists if f.held_out <= enough]
-    fewest = min(len(f.scored.effect.parameters) for f in close)
-    simple = [f for f in close if len(f.scored.effect.parameters) == fewest]
-    effect = simple[0].scored.effect
-    alike = [f for f in simple if f.scored.effect is effect and f.held_out - simple[0].held_out < NOTHING]
-    winner = min(alike, key=lambda f: mask(f.scored.where, effect.axis, joint_names).sum())
-    return winner, [f for f in simple if not any(f is one for one in alike)]
-
-
-def _proven(effect: Effect, where: str, before: Refitted, after: float, logs: Sequence[Evidence], test) -> bool:
-    """Whether the fall of chi^2 on held-out blocks says that the effect is there."""
-    place = mask(where, effect.axis, logs[0].atoms.joint_names)
-    affected = _weight(logs, test) * place.sum() / len(place)
-    left = left_at(effect, where, logs, before, test)
-    return _on(before, test) - after > max(LEAST_GAIN, LEAST_SHARE * affected, LEAST_STEP * left)
-
-
 def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None:
     """Take out, the last one apart, each effect that the later ones have made needless."""
     known = {effect.name: effect for effect in logs[0].atoms.effects}
@@ -240,8 +195,8 @@ def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None
         placed, others = selection.fit.effects[k], list(selection.fit.effects)
         del others[k]
         without = refit(logs, others, selection.nominal, selection.fit, train, SHORT_FIT)
-        after = _on(selection.ladder[-1].proof, test)
-        if _proven(known[placed.effect], placed.where, without, after, logs, test):
+        after = chi2_on(selection.ladder[-1].proof, test)
+        if proven(known[placed.effect], placed.where, without, after, logs, test):
             continue
         for one in (selection.ties, selection.winners, selection.rivals):
             del one[k]
@@ -251,22 +206,3 @@ def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None
             proof = refit(logs, full.effects, selection.nominal, full, train, SHORT_FIT)
             rungs.append(Rung(f"+ {others[i - 1].effect}@{others[i - 1].where}", full, proof))
         selection.ladder, selection.fit = rungs, rungs[-1].fit
-
-
-def halves(logs: Sequence[Evidence]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Alternate pairs of blocks: fitted on one half, proven on the other."""
-    train = [np.arange(log.blocks) // 2 % 2 == 0 if log.blocks > 3 else np.arange(log.blocks) % 2 == 0 for log in logs]
-    return train, [~mask_ for mask_ in train]
-
-
-def _all_blocks(logs: Sequence[Evidence]) -> list[np.ndarray]:
-    return [np.ones(log.blocks, bool) for log in logs]
-
-
-def _weight(logs: Sequence[Evidence], blocks: Sequence[np.ndarray]) -> float:
-    """Expected chi^2 of noise alone."""
-    return float(sum((log.weight() * b).sum() for log, b in zip(logs, blocks, strict=True)))
-
-
-def _on(fit: Refitted, blocks: Sequence[np.ndarray]) -> float:
-    return float(sum((c * b).sum() for c, b in zip(fit.chi2, blocks, strict=True)))

@@ -5,13 +5,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from experiments.measurement.belief import COVERAGE, halves
 from experiments.measurement.evidence import Evidence
+from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.joint_form import imitated
 from experiments.measurement.linear_score import best_of_each
 from experiments.measurement.misfit import FLOOR, above_floor, excess, misfit
-from experiments.measurement.refit import Placed, Refitted
-from experiments.measurement.selection import COVERAGE, Selection, halves
+from experiments.measurement.selection import Selection
 
 Verdict = Literal["explained", "partly_explained", "none", "unknown", "not_identifiable", "data_fault"]
 

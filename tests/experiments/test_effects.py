@@ -13,7 +13,7 @@ from experiments.measurement.atoms import Atoms
 from experiments.measurement.drive_evidence import DRIVE_HOOKS
 from experiments.measurement.drive_log import DriveLog
 from experiments.measurement.drive_replay import DriveReplay, true_motion
-from experiments.measurement.refit import Placed
+from experiments.measurement.fit_types import Placed
 from experiments.model import nominal_model
 from experiments.plant import make_plant
 from mjx_starleth.names import JOINT_NAMES

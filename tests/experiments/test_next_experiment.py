@@ -11,11 +11,12 @@ from controller_jax.geometry import geometry_from_numbers
 from experiments.effects import LIBRARY
 from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.excitation import FASTEST, excitations
+from experiments.measurement.fit_types import Placed
 from experiments.measurement.gather import gather
 from experiments.measurement.log_reader import read_log
 from experiments.measurement.next_experiment import next_experiment, separation, write_commands
 from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.refit import Placed, refit
+from experiments.measurement.refit import refit
 from experiments.measurement.selection import Selection
 from experiments.model import nominal_model
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
+from experiments.measurement.fit_types import Nominal, Refitted
+from experiments.measurement.fit_variables import FARTHEST
 from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom
-from experiments.measurement.refit import FARTHEST, Nominal, Refitted
 from experiments.model import nominal_model
 
 NUMBERS = nominal_freedom(nominal_model(), tuple(LIBRARY.values()), standing=False)

@@ -6,7 +6,8 @@ import pytest
 from experiments.effects import LIBRARY
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.evidence import Point
-from experiments.measurement.refit import BLOWN_UP, Nominal, Placed, refit, refit_effects
+from experiments.measurement.fit_types import Nominal, Placed
+from experiments.measurement.refit import BLOWN_UP, refit, refit_effects
 
 HIDDEN = 40.0  # N m/rad^3
 BLOCKS = 4

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
+from experiments.measurement.belief import Finalist, simplest, told_from_none
+from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.linear_score import Scored
-from experiments.measurement.refit import Placed, Refitted
-from experiments.measurement.selection import Finalist, simplest, told_from_none
 from mjx_starleth.names import JOINT_NAMES
 
 NOISE, BEFORE = 1000.0, 9000.0  # chi^2 of noise alone, and without any effect

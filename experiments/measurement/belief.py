@@ -1,0 +1,88 @@
+"""When an effect is believed: proven on blocks that its fit has not seen, told from none and from simpler ones."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from experiments.effects.effect import Effect
+from experiments.effects.places import mask
+from experiments.measurement.evidence import Evidence
+from experiments.measurement.fit_types import Refitted
+from experiments.measurement.footprint import left_at
+from experiments.measurement.linear_score import Scored
+
+LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypothesis, and there are a thousand
+LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
+LEAST_STEP = 0.2  # of what is left over the noise where an effect acts: one that takes less is not what is missing
+TIE = 0.25  # of what the winner leaves over the noise, or takes away: a rival that is closer cannot be told from it
+NOTHING = 4.0  # of chi^2, by which joints differ that do not feel an effect
+COVERAGE = 1.96  # standard deviations to each side that an interval reaches
+
+
+class Finalist(NamedTuple):
+    """A refitted hypothesis; chi^2 on the blocks it was not fitted to."""
+
+    scored: Scored
+    fit: Refitted
+    held_out: float
+
+
+def told_from_none(effect: Effect, fit: Refitted) -> bool:
+    """Whether a fit tells its last effect from none: not where the intervals of all its strengths hold zero, nor where
+    that of a shape does without which there is no effect (a speed, a width)."""
+    values = fit.effects[-1].parameters
+    spread = np.sqrt(np.maximum(np.diag(fit.covariance)[-len(values) :], 0.0))
+    sure = {name: abs(value) > COVERAGE * one for (name, value), one in zip(values.items(), spread, strict=True)}
+    shapes = [p.name for p in effect.parameters if p.role == "shape" and p.low > 0]
+    return any(sure[p.name] for p in effect.strengths) and all(sure[name] for name in shapes)
+
+
+def simplest(
+    finalists: list[Finalist], before: float, noise: float, joint_names: tuple[str, ...]
+) -> tuple[Finalist, list[Finalist]]:
+    """Of those that the held-out blocks cannot tell from the best, the one with the fewest parameters, and its rivals.
+
+    A rival with more parameters is no rival: an effect that holds another as its limit always fits as well. Nor is the
+    winner at another place: where joints do not feel an effect, the one with the fewest joints is what was seen.
+    """
+    best = finalists[0].held_out
+    reach = max(TIE * min(best - noise, before - best), LEAST_GAIN)
+    # nothing is better than noise; but a weak effect is little beside what the noise may be wrong by in all channels
+    enough = max(best + reach, min(noise, best + TIE * (before - best)))
+    close = [f for f in finalists if f.held_out <= enough]
+    fewest = min(len(f.scored.effect.parameters) for f in close)
+    simple = [f for f in close if len(f.scored.effect.parameters) == fewest]
+    effect = simple[0].scored.effect
+    alike = [f for f in simple if f.scored.effect is effect and f.held_out - simple[0].held_out < NOTHING]
+    winner = min(alike, key=lambda f: mask(f.scored.where, effect.axis, joint_names).sum())
+    return winner, [f for f in simple if not any(f is one for one in alike)]
+
+
+def proven(effect: Effect, where: str, before: Refitted, after: float, logs: Sequence[Evidence], test) -> bool:
+    """Whether the fall of chi^2 on held-out blocks says that the effect is there."""
+    place = mask(where, effect.axis, logs[0].atoms.joint_names)
+    affected = weight_of(logs, test) * place.sum() / len(place)
+    left = left_at(effect, where, logs, before, test)
+    return chi2_on(before, test) - after > max(LEAST_GAIN, LEAST_SHARE * affected, LEAST_STEP * left)
+
+
+def halves(logs: Sequence[Evidence]) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Alternate pairs of blocks: fitted on one half, proven on the other."""
+    train = [np.arange(log.blocks) // 2 % 2 == 0 if log.blocks > 3 else np.arange(log.blocks) % 2 == 0 for log in logs]
+    return train, [~mask_ for mask_ in train]
+
+
+def all_blocks(logs: Sequence[Evidence]) -> list[np.ndarray]:
+    """Every block of every log."""
+    return [np.ones(log.blocks, bool) for log in logs]
+
+
+def weight_of(logs: Sequence[Evidence], blocks: Sequence[np.ndarray]) -> float:
+    """Expected chi^2 of noise alone."""
+    return float(sum((log.weight() * b).sum() for log, b in zip(logs, blocks, strict=True)))
+
+
+def chi2_on(fit: Refitted, blocks: Sequence[np.ndarray]) -> float:
+    """chi^2 that a fit leaves on some blocks (masks per log)."""
+    return float(sum((c * b).sum() for c, b in zip(fit.chi2, blocks, strict=True)))
