@@ -1,6 +1,6 @@
 """The variables of a fit: parameters of effects and nominal numbers, their bounds and priors, their place in x."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -36,17 +36,19 @@ def variables_of(log: Evidence, effects: Sequence[Placed], nominal: Sequence[Nom
     ]
     for n, low, high in zip(nominal, *reach(log.atoms.effects, nominal), strict=True):
         prior = n.deviation
-        if any(_takes_over(known[p.effect], p, n, log.atoms.joint_names) for p in effects):
+        if any(stands_for(known[p.effect], p.where, p.parameters, n, log.atoms.joint_names) for p in effects):
             low, high, prior = 0.0, 0.0, PINNED * n.deviation
         found.append(Variable(n.effect, n.where, n.parameter, low, high, n.deviation, prior))
     return found
 
 
-def _takes_over(effect: Effect, placed: Placed, n: Nominal, joint_names: tuple[str, ...]) -> bool:
+def stands_for(
+    effect: Effect, where: str, parameters: Collection[str], n: Nominal, joint_names: tuple[str, ...]
+) -> bool:
     """Whether an effect changes a nominal number wherever that counts: free beside it, neither would be determined."""
-    if effect.name != n.effect or n.parameter not in placed.parameters:
+    if effect.name != n.effect or n.parameter not in parameters:
         return False
-    return bool((mask(placed.where, effect.axis, joint_names) >= mask(n.where, effect.axis, joint_names)).all())
+    return bool((mask(where, effect.axis, joint_names) >= mask(n.where, effect.axis, joint_names)).all())
 
 
 def reach(effects: Sequence[Effect], nominal: Sequence[Nominal]) -> tuple[np.ndarray, np.ndarray]:

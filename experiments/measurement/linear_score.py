@@ -13,7 +13,7 @@ from experiments.effects.places import mask
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import Change, Products, Variant, gain, projected
 from experiments.measurement.fit_types import Nominal, Refitted
-from experiments.measurement.fit_variables import reach
+from experiments.measurement.fit_variables import reach, stands_for
 from experiments.measurement.nominal import at_end
 
 
@@ -103,7 +103,8 @@ def following(
         gradient = gradient + g.T @ gram @ moved
     low, high = (bound / deviation for bound in reach(atoms.effects, nominal))
     wanted = (now + _bounded_step(hessian, gradient, low - now, high - now)) * deviation
-    return np.where([_moves(scored, n, place, atoms.joint_names) for n in nominal], 0.0, wanted)
+    held = [stands_for(scored.effect, scored.where, scored.values, n, atoms.joint_names) for n in nominal]
+    return np.where(held, 0.0, wanted)
 
 
 def _bounded_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -118,12 +119,6 @@ def _bounded_step(hessian: np.ndarray, gradient: np.ndarray, low: np.ndarray, hi
         step[out] = np.clip(step[out], low[out], high[out])
         free &= ~out
     return np.clip(step, low, high)
-
-
-def _moves(scored: Scored, n: Nominal, place: np.ndarray, joint_names: tuple[str, ...]) -> bool:
-    """Whether a hypothesis changes a nominal number wherever that number counts."""
-    same = scored.effect.name == n.effect and n.parameter in scored.values
-    return same and bool((place >= mask(n.where, scored.effect.axis, joint_names)).all())
 
 
 def _without_nuisances(p: Products, atoms, nominal, changes) -> np.ndarray:

@@ -104,8 +104,9 @@ def select(
         products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
         ranking = scored_at(logs, products, selection.fit, nominal, changes, variants)
         selection.rankings.append(ranking)
-        over = selection.fit.total - weight_of(logs, all_blocks(logs))
-        if ranking[0].gain < promising * over or not (_more(logs, selection) or _clear(logs, ranking)):
+        noise = weight_of(logs, all_blocks(logs))
+        worth = _more(logs, selection) or stands_out(ranking, noise, logs[0].atoms.joint_names)
+        if ranking[0].gain < promising * (selection.fit.total - noise) or not worth:
             break
         finalists = []
         for scored in _finalists(ranking, selection.fit.effects):
@@ -135,15 +136,14 @@ def _more(logs: Sequence[Evidence], selection: Selection) -> bool:
     return above_floor(logs, selection.fit) > max(LEAST_GAIN, LEAST_REST * weight_of(logs, all_blocks(logs)))
 
 
-def _clear(logs: Sequence[Evidence], ranking: Sequence[Scored]) -> bool:
-    """Whether an effect at a few joints stands out although what is left is little for the whole robot.
+def stands_out(ranking: Sequence[Scored], noise: float, joint_names: tuple[str, ...]) -> bool:
+    """Whether an effect at a few joints is worth a try though what is left is little beside the whole robot's `noise`.
 
-    Of robots that lack nothing, whatever their numbers, the best score is a third of this or less, and so is its share.
+    Of the four robots without an effect that this was set on, the best score was 244 and the largest share 1 %.
     """
-    weight, joint_names = weight_of(logs, all_blocks(logs)), logs[0].atoms.joint_names
     for best in best_of_each(ranking)[:FINALISTS]:
         place = mask(best.where, best.effect.axis, joint_names)
-        if best.gain > max(CLEAR_GAIN, CLEAR_SHARE * weight * place.sum() / len(place)):
+        if best.gain > max(CLEAR_GAIN, CLEAR_SHARE * noise * place.sum() / len(place)):
             return True
     return False
 

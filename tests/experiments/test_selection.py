@@ -7,6 +7,7 @@ from experiments.effects import LIBRARY
 from experiments.measurement.belief import Finalist, simplest, told_from_none
 from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.linear_score import Scored
+from experiments.measurement.selection import stands_out
 from mjx_starleth.names import JOINT_NAMES
 
 NOISE, BEFORE = 1000.0, 9000.0  # chi^2 of noise alone, and without any effect
@@ -41,6 +42,14 @@ def test_a_weak_effect_is_not_given_up_for_a_simpler_one_because_the_noise_was_t
     assert winner.scored.effect.name == "payload" and rivals == []
     winner, _ = simplest([load, links], 63800.0, 53300.0, JOINT_NAMES)  # a strong one explains the log down to noise
     assert winner.scored.effect.name == "link_mass"
+
+
+@pytest.mark.parametrize(
+    ("where", "gain", "tried"), [("LH_KFE", 310.0, True), ("LH_KFE", 290.0, False), ("all", 310.0, False)]
+)
+def test_a_score_is_held_against_the_noise_of_the_joints_where_it_acts(where: str, gain: float, tried: bool) -> None:
+    scored = Scored(LIBRARY["backlash"], where, gain, {}, None)
+    assert stands_out([scored], 12000.0, JOINT_NAMES) == tried
 
 
 @pytest.mark.parametrize(
