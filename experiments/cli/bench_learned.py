@@ -11,18 +11,19 @@ from experiments.cli.options import DevicesOption, SeedOption, available_cores, 
 HELP = """What is a learned effect worth in the next jump?
 
 A second plant that shares no code with the model stands in for the robot, with a hidden effect. Its log (legs in the
-air, or hops for what these do not show) is diagnosed and the model learns what was named. A jump is tuned on the
-nominal model and, by the same search, one on the learned model; both are replayed on that plant. One JSON line for
-each effect: apexes as promised and as reached, `lost` (what the effect takes from the nominal jump on that plant),
-`won_back` (what the learned jump has over the nominal one there) and the share of the two.
+air, or hops for what these do not show) is diagnosed and the model learns what was named. From a jump of the nominal
+model the same search goes on, once on the nominal and once on the learned model; both jumps are replayed on that plant.
+A jump is worth its height over the standing torso, and nothing if the robot falls. One JSON line for each effect: both
+jumps as promised and as reached, `lost` (what the effect takes from the nominal jump on that plant), `won_back` (what
+the learned jump has over the nominal one there) and the share of the two.
 
-Hidden are, one after the other, a load of 3 kg, one of 2 kg in front, torque sensors that read 15 % too much, springs
-30 % too soft and motors 15 % too weak: each takes 0.07 m or more from the nominal jump. Friction in the gears, say,
-takes less than a centimetre: then there is nothing to win back, and no share is given. Not all that is lost can be won
-back by knowing it: a load stays heavy, weak motors weak, and a sensor that reads too much also lowers what the limits
-of the commanded torque let through.
+Hidden are, one after the other: a load of 2 kg in front, one behind, knee torque sensors that read 2 N m too much (the
+nominal jump falls over with each), a load of 3 kg, torque sensors that read 15 % too much, springs 30 % too soft and
+motors 15 % too weak (each takes 0.07 m or more). Friction in the gears, say, takes less than a centimetre: then there
+is nothing to win back, and no share is given. Not all that is lost can be won back by knowing it: a load stays heavy,
+weak motors weak, and a sensor that reads too much also lowers what the limits of the commanded torque let through.
 
-    starleth bench learned                                          all five (about half an hour)
+    starleth bench learned                                          all seven (about 40 minutes)
     starleth bench learned --effect joint_viscous_drag --parameter coefficient=1
 """
 
@@ -31,7 +32,9 @@ def learned(
     effect: Annotated[str | None, typer.Option(help="Hide this one, by its name in the second plant.")] = None,
     where: Annotated[str, typer.Option(help="Where it acts.")] = "all",
     parameter: Annotated[list[str] | None, typer.Option(help="name=value, may be repeated.")] = None,
-    generations: Annotated[int, typer.Option(min=4, max=100_000, help="Of each search.")] = 100,
+    generations: Annotated[
+        int, typer.Option(min=4, max=100_000, help="Of the first search; the one that goes on has half as many.")
+    ] = 100,
     seed: SeedOption = 0,
     devices: DevicesOption = available_cores(),  # noqa: B008
     folder: Annotated[

@@ -10,6 +10,10 @@ from experiments.cli.options import finite
 TaskArgument = Annotated[
     str, typer.Argument(help="A task by name (squat_jump, running_trot, …) or your own task file (.json).")
 ]
+StartOption = Annotated[
+    Path | None,
+    typer.Option("--start", help="A run or a parameters.json, of any model: search on from there, last stage alone."),
+]
 DriveOption = Annotated[
     str, typer.Option("--drive", help="Drive of the last stages: full, cheap (no current loop) or ideal.")
 ]

@@ -27,6 +27,7 @@ from experiments.cli.search_options import (
     RefineOption,
     RiskOption,
     RunFolderOption,
+    StartOption,
     TaskArgument,
     TrialsOption,
 )
@@ -50,7 +51,7 @@ Ctrl-C and SIGTERM leave a resumable run: the same command continues it, to the 
     starleth tune squat_jump
     starleth tune running_trot        or walking_trot, lateral_walk, bound, pronk
     starleth tune squat_jump --generations 100 --seed 3 --output runs/jump3
-    starleth tune squat_jump --model learned_model.json
+    starleth tune squat_jump --model learned_model.json --start runs/squat_jump     the same jump for a better model
     starleth tune squat_jump --trials 8 --risk cvar     good in the worst quarter of 8 perturbed trials each
     starleth tune squat_jump --refine 40               then downhill by gradients; also on a finished run
     starleth tune squat_jump --generations 0 --refine 40     by gradients alone, from the initial guess
@@ -67,6 +68,7 @@ def register(app: typer.Typer) -> None:
 def command(
     task: TaskArgument,
     model: ModelOption = None,
+    start: StartOption = None,
     drive: DriveOption = "full",
     generations: GenerationsOption = None,
     population: PopulationOption = None,
@@ -97,7 +99,7 @@ def command(
     from experiments.tune import TuneOptions, parse_risk
 
     library = load_effects(effects or ())
-    definition = _definition(task, drive, generations, population, trials, refine)
+    definition = _definition(task, start, drive, generations, population, trials, refine)
     robot = load_model(model, library)
     options = TuneOptions(
         definition,
@@ -116,15 +118,26 @@ def command(
 
 
 def _definition(
-    task: str, drive: str, generations: int | None, population: int | None, trials: int | None, refine: int
+    task: str,
+    start: Path | None,
+    drive: str,
+    generations: int | None,
+    population: int | None,
+    trials: int | None,
+    refine: int,
 ) -> "TaskDefinition":
     """The task as the options want it. Raises UserError."""
+    from experiments.parameter_file import read_parameters
     from experiments.tasks.definition import load_task
     from sea_jax import DRIVES
 
     if drive not in DRIVES:
         raise UserError(f"No drive '{drive}'; choose one of {', '.join(DRIVES)}.")
     definition = load_task(task)
+    if start is not None:
+        path = start / "parameters.json" if start.is_dir() else start
+        found = read_parameters(path, task=definition.task, allow_ungated=True)
+        definition = definition.going_on_from(found.values())
     if generations == 0 and not refine:
         raise UserError("--generations 0 searches nothing; give it --refine too, or generations.")
     if generations:

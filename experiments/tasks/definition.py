@@ -96,6 +96,18 @@ class TaskDefinition(Strict):
         stages = [s.model_copy(update={"generations": n}) for s, n in zip(self.stages, counts, strict=True)]
         return self.model_copy(update={"stages": tuple(stages)})
 
+    def going_on_from(self, values: Mapping[str, float]) -> "TaskDefinition":
+        """The search around a motion that was found before: its last stage alone, in steps half as wide.
+
+        Raises UserError for values of other parameters or outside of their bounds.
+        """
+        try:
+            self.space().vector(values)
+        except ValueError as error:
+            raise UserError(f"The search cannot start there: {error}; start from a motion of this task.") from None
+        begun = tuple(p.model_copy(update={"initial": values[p.name]}) for p in self.parameters)
+        return self.model_copy(update={"parameters": begun, "stages": self.stages[-1:], "sigma": 0.5 * self.sigma})
+
     def with_trials(self, count: int) -> "TaskDefinition":
         """The last stage with so many perturbed trials for each candidate."""
         last = self.stages[-1].model_copy(update={"perturbed": True, "trials": count})

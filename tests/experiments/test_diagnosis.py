@@ -115,10 +115,9 @@ def test_jumps_of_both_models_are_tuned_and_replayed_on_the_robot_whose_diagnosi
     assert found["learned_effects"] == ["torque_sensor_gain@all"] and found["verdict"] == "explained"
     nominal, other = found["nominal"], found["learned"]
     assert not nominal["fallen"] and not other["fallen"]
-    assert (
-        found["lost"] == pytest.approx(nominal["without_effect"] - nominal["on_robot"], abs=1e-3)
-        and found["lost"] > 0.02
-    )
-    assert found["won_back_share"] == pytest.approx((other["on_robot"] - nominal["on_robot"]) / found["lost"], abs=0.01)
+    assert nominal["height"] == pytest.approx(nominal["apex"] - 0.42, abs=1e-3)
+    lost = found["nominal_without_effect"]["height"] - nominal["height"]
+    assert found["lost"] == pytest.approx(lost, abs=1e-3) and lost > 0.02
+    assert found["won_back_share"] == pytest.approx((other["height"] - nominal["height"]) / lost, abs=0.01)
     with pytest.raises(UserError, match="another robot"):
         beyond_log(tmp_path, hidden, 4, 1, 1, lambda text: None)

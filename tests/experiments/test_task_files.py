@@ -50,3 +50,19 @@ def test_a_generation_that_fits_into_no_memory_is_refused() -> None:
 def test_fewer_generations_than_stages_are_refused() -> None:
     with pytest.raises(UserError, match="too few"):
         load_task("running_trot").with_generations(2)
+
+
+def test_a_search_goes_on_from_a_found_motion_in_its_last_stage() -> None:
+    definition = load_task("squat_jump")
+    values = definition.space().named(0.5 * (definition.space().low + definition.space().high))
+    further = definition.going_on_from(values)
+    assert further.space().named(further.space().initial) == pytest.approx(values)
+    assert further.stages == definition.stages[-1:] and further.sigma < definition.sigma
+    assert further.hash() == definition.hash(), "the result belongs to the same task"
+
+
+@pytest.mark.parametrize("change", [{"foot_0": 9.0}, {"colour": 1.0}])
+def test_a_search_does_not_start_from_a_motion_of_another_task(change: dict) -> None:
+    definition = load_task("squat_jump")
+    with pytest.raises(UserError, match=r"The search cannot start there: .*; start from a motion of this task"):
+        definition.going_on_from(definition.space().named(definition.space().initial) | change)
