@@ -19,12 +19,12 @@ from controller_jax.gait import ReducedGait
 from controller_jax.joint_torques import joint_torques, weight_torque
 from controller_jax.leg_coordination import CoordinationParams, LegEvents, LegMemory
 from controller_jax.leg_kinematics import leg_kinematics
-from controller_jax.rotations import control_frame, cross, mm, mv
+from controller_jax.rotations import control_frame, cross, mm, mtv, mv
 from controller_jax.swing_leg import FootMotion, SwingParams, joint_positions, swing_motion
 from controller_jax.terrain_estimator import Plane, TerrainParams
 from controller_jax.torso_motion import TorsoParams, TorsoTarget, torso_target
 from controller_jax.types import Array, JointTargets, LegGeometry, RobotState
-from controller_jax.velocity_command import VelocityCommand, VelocityParams, smooth
+from controller_jax.velocity_command import VelocityCommand, VelocityParams, learn, smooth
 from controller_jax.virtual_model import Gains, IntegralLimits, Integrals, init_integrals, virtual_model
 
 
@@ -57,6 +57,7 @@ class LocomotionState(NamedTuple):
 
     phase: Array  # () of the stride
     command: VelocityCommand  # smoothed
+    trim: VelocityCommand  # added to it, for the mean velocity to meet it
     plane: Plane
     legs: LegMemory
     integrals: Integrals
@@ -89,6 +90,7 @@ def init(geometry: LegGeometry, robot: RobotState) -> LocomotionState:
     return LocomotionState(
         phase=zero,
         command=VelocityCommand(zero, zero, zero),
+        trim=VelocityCommand(zero, zero, zero),
         plane=terrain_estimator.fit_plane(soles_W),
         legs=leg_coordination.standing(soles_W),
         integrals=init_integrals(),
@@ -124,9 +126,11 @@ def step(
     # a torso that leaves before its feet do overstretches the legs behind it
     wanted = VelocityCommand(*(stepping * speed for speed in command))
     smoothed = smooth(params.velocity, state.command, wanted)
+    trim = learn(params.velocity, state.trim, smoothed, torso_velocity(robot, R_WC), period)
+    asked = jax.tree.map(jnp.add, smoothed, trim)
 
     target = torso_target(
-        params.torso, pattern, phases, phase, soles_W, plane, robot.r_WB, R_WC, smoothed, geometry.gravity
+        params.torso, pattern, phases, phase, soles_W, plane, robot.r_WB, R_WC, asked, geometry.gravity
     )
     integrals, wrench_C = virtual_model(
         params.gains, params.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, period
@@ -137,7 +141,7 @@ def step(
     support = SupportLegs(mv(R_CB[None], legs.r_BF_B), J_BF_C, weight, roles.support)
     distribution, forces = distribute_forces(params.distribution, state.distribution, support, wrench_C)
 
-    motion = _swing(params, geometry, robot, memory, roles, phases, R_WC, plane, smoothed, soles_W)
+    motion = _swing(params, geometry, robot, memory, roles, phases, R_WC, plane, asked, soles_W)
     position = joint_positions(params.swing, geometry, robot, legs, motion, plane.normal_W)
     torque = joint_torques(forces.force, J_BF_C, weight)
     targets = JointTargets(torque, position, jnp.repeat(1.0 - roles.support, 3))
@@ -154,7 +158,13 @@ def step(
         tracking_C=forces.wrench - wrench_C,
         foot=motion,
     )
-    return LocomotionState(phase, smoothed, plane, memory, integrals, distribution), targets, info
+    return LocomotionState(phase, smoothed, trim, plane, memory, integrals, distribution), targets, info
+
+
+def torso_velocity(robot: RobotState, R_WC: Array) -> VelocityCommand:
+    """What the torso does of what can be commanded."""
+    v_C, omega_C = mtv(R_WC, robot.v_WB), mtv(R_WC, mv(robot.R_WB, robot.omega_B))
+    return VelocityCommand(v_C[0], v_C[1], omega_C[2])
 
 
 def _schedule(params, phase, time, period):

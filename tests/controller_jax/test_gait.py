@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controller_jax import gait
-from controller_jax.velocity_command import VelocityCommand, VelocityParams, smooth
+from controller_jax.velocity_command import VelocityCommand, VelocityParams, learn, smooth
 
 # FACTS 3.3: T, fore duty, hind duty, fore lag, hind lag, pair lag
 GAITS = {
@@ -105,12 +105,31 @@ def test_interpolation_meets_both_gaits_and_goes_the_short_way():
     np.testing.assert_allclose(half.touch_down, [0.0, 0.5, 0.625, 0.125], atol=ROUNDING)
 
 
+def velocity(values):
+    return VelocityCommand(*(jnp.float32(v) for v in values))
+
+
 def test_command_is_bounded_and_smoothed():
-    bounds, shares = (1.0, 0.3, 0.8), (0.005, 0.05, 0.05)
-    make = lambda x: VelocityCommand(*(jnp.float32(v) for v in x))  # noqa: E731
-    params = VelocityParams(make(bounds), make(shares))
+    bounds, shares, make = (1.0, 0.3, 0.8), (0.005, 0.05, 0.05), velocity
+    params = VelocityParams(make(bounds), make(shares), make((0.0,) * 3), make((0.0,) * 3))
     command, expected = make((0, 0, 0)), np.zeros(3)
     for _ in range(300):
         command = smooth(params, command, make((2.0, -0.1, 0.5)))
         expected += np.array(shares) * (np.array([1.0, -0.1, 0.5]) - expected)
     np.testing.assert_allclose([float(x) for x in command], expected, rtol=1e-4)
+
+
+def test_trim_makes_up_for_a_share_of_the_speed_that_is_lost():
+    rate, period = 0.8, 2.5e-3
+    none = velocity((0.0, 0.0, 0.0))
+    params = VelocityParams(none, none, velocity((rate, 0.0, rate)), velocity((1.0, 1.0, 0.05)))
+    kept, command, trim = 0.85, velocity((0.4, 0.2, 0.5)), none
+    step = jax.jit(lambda trim, measured: learn(params, trim, command, measured, jnp.float32(period)))
+    for _ in range(1200):
+        measured = jax.tree.map(lambda due, more: kept * (due + more), command, trim)
+        trim = step(trim, measured)
+    # x' = rate (v - kept (v + x)): an exponential towards v (1 - kept) / kept
+    end = 0.4 * (1 - kept) / kept
+    assert float(trim.heading) == pytest.approx(end * (1 - np.exp(-rate * kept * 1200 * period)), rel=2e-3)
+    assert float(trim.lateral) == 0.0, "what has no rate learns nothing"
+    assert float(trim.turning) == pytest.approx(0.05), "and what would need more stays at its clamp"

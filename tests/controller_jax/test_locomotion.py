@@ -35,7 +35,7 @@ GAITS = {  # FACTS 3.3; height, share of the ballistic hop, lead of the speed
     "running_trot": ((0.61, 0.3, 0.3, 0.5, 0.5, 0.5), 0.45, 1.0, 0.4),
     "pronk": ((0.42, 0.55, 0.55, 0.0, 0.0, 0.0), 0.45, 1.0, 0.0),
 }
-SPEED_TOLERANCE = 0.06  # m/s: nothing integrates the error, and a gait with flight wanders by this over seconds
+SPEED_TOLERANCE = 0.06  # m/s: nothing integrates the error here, and a gait with flight wanders by this over seconds
 # Stiffness 640 N/m towards the middle of the feet (FACTS 3.1), which stay behind, takes back half of a lateral command.
 LATERAL_SHARE = (0.4, 1.0)
 
@@ -46,7 +46,12 @@ def params(name, **torso):
     tree = locomotion.GaitParams(
         gait=ReducedGait(*gait),
         start=locomotion.StartParams(0.2, 1.0, 0.12),
-        velocity=VelocityParams(VelocityCommand(1.0, 0.3, 0.8), VelocityCommand(0.005, 0.05, 0.05)),
+        velocity=VelocityParams(
+            VelocityCommand(1.0, 0.3, 0.8),
+            VelocityCommand(0.005, 0.05, 0.05),
+            VelocityCommand(0.0, 0.0, 0.0),
+            VelocityCommand(0.2, 0.1, 0.2),
+        ),
         terrain=TerrainParams(0.05),
         coordination=CoordinationParams(0.3, 0.6, 0.1, 0.03, 0.1, 0.01, 0.01, 0.5, 0.04),
         torso=TorsoParams(
@@ -189,6 +194,17 @@ def test_gait_reaches_its_speed_and_keeps_height_and_plan(name, speed):
     assert not info.events.slip[late].any()
     agree = (info.planned_stance[late] == body.contact[late]).mean()
     assert agree > 0.95, agree
+
+
+@pytest.mark.parametrize("ahead", [-0.02, 0.02])
+def test_the_mean_speed_is_learnt_where_footholds_miss_it(ahead):
+    p = params("walking_trot")
+    p = p._replace(foothold=p.foothold._replace(heading_offset=jnp.full(2, jnp.float32(ahead))))
+    rate = VelocityCommand(*(jnp.float32(x) for x in (1.0, 0.0, 0.0)))
+    trimmed = p._replace(velocity=p.velocity._replace(trim_rate=rate))
+    plain, learnt = (walk(q, heading=0.3, seconds=8.0)[0].v[-1280:, 0].mean() for q in (p, trimmed))
+    assert abs(plain - 0.3) > 0.03, plain
+    assert learnt == pytest.approx(0.3, abs=0.01)
 
 
 @pytest.mark.parametrize("name, flight", [("running_trot", 0.4), ("pronk", 0.45), ("walking_trot", 0.0)])
