@@ -11,6 +11,7 @@ from controller_jax import state_estimator
 from controller_jax.geometry import geometry_from_numbers
 from controller_jax.state_estimator import EstimatorParams, EstimatorState, SensorReading
 from controller_jax.types import LegGeometry
+from experiments.known_numbers import known_numbers
 from experiments.model import Model
 from experiments.plant import PlantState
 from experiments.sensing import NOISE, DirectSensing, Sensing, contact_flags, noisy_joints, rotation_matrix
@@ -86,7 +87,7 @@ class EstimatedSensing:
 
 def estimated_sensing(model: Model) -> EstimatedSensing:
     """IMU, encoders and filter of a robot."""
-    numbers = model.numbers.model_dump(mode="json")
+    numbers = known_numbers(model)
     params = EstimatorParams(*(jnp.asarray(value, jnp.float32) for value in FILTER))
     return EstimatedSensing(
         geometry_from_numbers(numbers),

@@ -17,11 +17,12 @@ A jump is worth its height over the standing torso, and nothing if the robot fal
 jumps as promised and as reached, `lost` (what the effect takes from the nominal jump on that plant), `won_back` (what
 the learned jump has over the nominal one there) and the share of the two.
 
-Hidden are, one after the other: a load of 2 kg in front, one behind, knee torque sensors that read 2 N m too much (the
-nominal jump falls over with each), a load of 3 kg, torque sensors that read 15 % too much, springs 30 % too soft and
-motors 15 % too weak (each takes 0.07 m or more). Friction in the gears, say, takes less than a centimetre: then there
-is nothing to win back, and no share is given. Not all that is lost can be won back by knowing it: a load stays heavy,
-weak motors weak, and a sensor that reads too much also lowers what the limits of the commanded torque let through.
+Hidden are, one after the other: a load of 3 kg in front, one of 2 kg behind, knee torque sensors that read 2 N m too
+much (the nominal jump falls over with each), a load of 3 kg, torque sensors that read 15 % too much, springs 30 % too
+soft and motors 15 % too weak (each takes 0.07 m or more). Friction in the gears, say, takes less than a centimetre:
+then there is nothing to win back, and no share is given. Not all that is lost can be won back by knowing it: a load
+stays heavy, weak motors weak, and a sensor that reads too much also lowers what the limits of the commanded torque let
+through.
 
     starleth bench learned                                          all seven (about 40 minutes)
     starleth bench learned --effect joint_viscous_drag --parameter coefficient=1

@@ -47,7 +47,7 @@ MAX_BYTES = 50_000_000
 # soft springs, weak motors. Friction of a plausible size would not do: it takes less than a centimetre, so that there
 # is nothing to win back.
 HIDDEN = (
-    Effect("payload", "torso", {"mass": 2.0, "x": 0.15, "z": 0.05}),
+    Effect("payload", "torso", {"mass": 3.0, "x": 0.15, "z": 0.05}),
     Effect("payload", "torso", {"mass": 2.0, "x": -0.2, "z": 0.05}),
     Effect("torque_sensor_offset", "KFE", {"offset": 2.0}),
     Effect("payload", "torso", {"mass": 3.0, "z": 0.1}),

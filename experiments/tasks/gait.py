@@ -17,6 +17,7 @@ from controller_jax.types import JointTargets, LegGeometry, RobotState
 from controller_jax.velocity_command import VelocityCommand
 from experiments.errors import UserError
 from experiments.files import shown
+from experiments.known_numbers import known_numbers
 from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
@@ -247,7 +248,7 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
     check_weights(definition.weights, TERMS, task)
     names = tuple(parameter.name for parameter in definition.parameters)
     check_names(names, task)
-    numbers = model.numbers.model_dump(mode="json")
+    numbers = known_numbers(model)
     geometry = geometry_from_numbers(numbers)
     known = {"controller", "command", "flight", "turn_start"}
     wrong = set(definition.settings) ^ known

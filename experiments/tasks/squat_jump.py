@@ -13,6 +13,7 @@ from controller_jax.squat_jump_settings import SquatJumpParams, SquatJumpSetting
 from controller_jax.types import JointTargets, LegGeometry, RobotState
 from experiments.errors import UserError
 from experiments.files import shown
+from experiments.known_numbers import known_numbers
 from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
@@ -210,7 +211,7 @@ def make_task(definition: TaskDefinition, model: Model) -> SquatJumpTask:
     if definition.settings:
         key = shown(min(definition.settings))
         raise UserError(f"Task {definition.task}: it has no settings; remove the key '{key}' from them.")
-    numbers = model.numbers.model_dump(mode="json")
+    numbers = known_numbers(model)
     period = numbers["loops"]["control_period"]
     settings = default_settings(geometry_from_numbers(numbers), period)
     shortest = float(settings.crouch_time + settings.launch_time) + OVERTIME + STANDING_TIME
