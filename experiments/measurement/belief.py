@@ -4,20 +4,23 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy.stats
 
 from experiments.effects.effect import Effect
 from experiments.effects.places import mask
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.fit_types import Refitted
-from experiments.measurement.footprint import left_at
+from experiments.measurement.footprint import left_at, noise_at
 from experiments.measurement.linear_score import Scored
 
 LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypothesis, and there are a thousand
 LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
 LEAST_STEP = 0.2  # of what is left over the noise where an effect acts: one that takes less is not what is missing
 TIE = 0.25  # of what the winner leaves over the noise, or takes away: a rival that is closer cannot be told from it
+MOST = 0.5  # of what is left where an effect acts
 NOTHING = 4.0  # of chi^2, by which joints differ that do not feel an effect
-COVERAGE = 1.96  # standard deviations to each side that an interval reaches
+COVERAGE, CONFIDENCE = 1.96, 0.95  # standard deviations to each side that an interval reaches, and what it holds
+DEGENERATE = 1e-6  # of the largest variance: less is rounding
 
 
 class Finalist(NamedTuple):
@@ -29,13 +32,27 @@ class Finalist(NamedTuple):
 
 
 def told_from_none(effect: Effect, fit: Refitted) -> bool:
-    """Whether a fit tells its last effect from none: not where the intervals of all its strengths hold zero, nor where
-    that of a shape does without which there is no effect (a speed, a width)."""
+    """Whether a fit tells its last effect from none: not where the 95 % region of its strengths holds zero, nor where
+    the interval of a shape does without which there is no effect (a speed, a width)."""
     values = fit.effects[-1].parameters
-    spread = np.sqrt(np.maximum(np.diag(fit.covariance)[-len(values) :], 0.0))
-    sure = {name: abs(value) > COVERAGE * one for (name, value), one in zip(values.items(), spread, strict=True)}
+    covariance = fit.covariance[-len(values) :, -len(values) :]
+    spread = dict(zip(values, np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
     shapes = [p.name for p in effect.parameters if p.role == "shape" and p.low > 0]
-    return any(sure[p.name] for p in effect.strengths) and all(sure[name] for name in shapes)
+    if any(abs(values[name]) <= COVERAGE * spread[name] for name in shapes):
+        return False
+    names = {p.name for p in effect.strengths}
+    here = [name in names for name in values]
+    strengths = np.array([value for name, value in values.items() if name in names])
+    distance = _distance(strengths, covariance[np.ix_(here, here)])
+    return bool(distance > scipy.stats.chi2.ppf(CONFIDENCE, len(strengths)))
+
+
+def _distance(x: np.ndarray, covariance: np.ndarray) -> float:
+    """Squared Mahalanobis distance of x (n,) from zero, also where of two strengths only the sum is known."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    along = vectors.T @ (x / scale)
+    return float((along**2 / np.maximum(values, DEGENERATE)).sum())
 
 
 def simplest(
@@ -59,10 +76,19 @@ def simplest(
     return winner, [f for f in simple if not any(f is one for one in alike)]
 
 
+def plain(effect: Effect, where: str, before: Refitted, after: float, logs: Sequence[Evidence], test) -> bool:
+    """Whether an effect explains most of what is left where it acts, and that is more than noise.
+
+    Then its interval need not hold it apart from none: a misfit elsewhere may have widened that, through nominal
+    numbers that act on both.
+    """
+    gain = chi2_on(before, test) - after
+    return gain > max(noise_at(effect, where, logs, test), MOST * left_at(effect, where, logs, before, test))
+
+
 def proven(effect: Effect, where: str, before: Refitted, after: float, logs: Sequence[Evidence], test) -> bool:
     """Whether the fall of chi^2 on held-out blocks says that the effect is there."""
-    place = mask(where, effect.axis, logs[0].atoms.joint_names)
-    affected = weight_of(logs, test) * place.sum() / len(place)
+    affected = noise_at(effect, where, logs, test)
     left = left_at(effect, where, logs, before, test)
     return chi2_on(before, test) - after > max(LEAST_GAIN, LEAST_SHARE * affected, LEAST_STEP * left)
 

@@ -35,6 +35,7 @@ PAD = 800  # rows: logs are padded to a multiple, so that logs of like length sh
 
 # What the best model of a real robot may still leave in each channel: below this nothing is called missing.
 MODEL_ERROR = {"force": 0.5, "torque": 0.05, "joint": 0.06, "gap": 5e-4, "friction": 0.05}
+NO_CONSTANT = 1e-6  # of a channel whose constant error tells of an effect
 CHANNELS = (
     *(f"torso_force/{axis}" for axis in "xyz"),
     *(f"torso_torque/{axis}" for axis in "xyz"),
@@ -63,8 +64,8 @@ class BodyEvidence:
 
     @property
     def model_error(self) -> np.ndarray:
-        """What the best model of a real robot may leave in each channel (26,)."""
-        return np.array([MODEL_ERROR[kind] for kind in KIND])
+        """What the best model of a real robot may be wrong by all the time in each channel (26,)."""
+        return np.array([NO_CONSTANT if kind == "friction" else MODEL_ERROR[kind] for kind in KIND])
 
     def predict(self, xs: np.ndarray) -> np.ndarray:
         """Residuals (H, N, 26) in physical units for atom vectors (H, n)."""
@@ -97,6 +98,9 @@ def body_evidence(atoms: Atoms, numbers: RobotNumbers, log: Log, noise: Mapping[
     # a torque sampled at rows is not its mean between them: legs in the air show that first
     legs = np.array([kind == "joint" for kind in KIND])
     floor = np.where(legs, np.hypot(floor, MODEL_ERROR["joint"]), floor)
+    # how slippery the ground is shows in a few rows of sliding, and all of it is a constant
+    sliding = np.array([kind == "friction" for kind in KIND])
+    floor = np.where(sliding, np.hypot(floor, MODEL_ERROR["friction"]), floor)
     return BodyEvidence(atoms, replay, rows, period, used, floor, correlation_rows(error * used[None]))
 
 

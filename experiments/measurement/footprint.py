@@ -1,4 +1,4 @@
-"""What a fit leaves where an effect acts: the misfit that the effect could take away at all."""
+"""Where an effect acts: what noise alone leaves there, and the misfit that the effect could take away at all."""
 
 from collections.abc import Sequence
 
@@ -11,6 +11,23 @@ from experiments.measurement.drive_evidence import DRIVE_HOOKS
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.fit_types import Refitted
 from experiments.measurement.joint_evidence import JointEvidence
+
+
+def noise_at(
+    effect: Effect, where: str, logs: Sequence[Evidence | JointEvidence], blocks: Sequence[np.ndarray]
+) -> float:
+    """Expected chi^2 of noise alone, on these blocks (masks per log), in the channels of the parts that it acts on."""
+    total, hooks = 0.0, set(effect.equations)
+    for log, here in zip(logs, blocks, strict=True):
+        if isinstance(log, JointEvidence):
+            total += float((log.weight() * here).sum())
+            continue
+        if log.drive is not None and hooks & DRIVE_HOOKS:
+            used = log.drive.used[here[log.block_of_drive()]].sum(0)
+            total += float((used.sum(1) * _joints(effect, where, log)).sum())
+        if log.body is not None and hooks & BODY_HOOKS:
+            total += float((log.body.used[here[log.block_of_body()]].sum(0) / log.body.tau).sum())
+    return total
 
 
 def left_at(
@@ -28,10 +45,15 @@ def left_at(
         if log.drive is not None and hooks & DRIVE_HOOKS:
             rows = here[log.block_of_drive()]
             over = (log.drive_residual([fit.points[i]])[0][rows] ** 2 - log.drive.used[rows]).sum(0)
-            joints = mask(where, effect.axis, log.atoms.joint_names) if effect.axis == "joint" else np.ones(len(over))
-            total += float((np.maximum(over, 0.0).sum(1) * joints).sum())
+            total += float((np.maximum(over, 0.0).sum(1) * _joints(effect, where, log)).sum())
         if log.body is not None and hooks & BODY_HOOKS:
             rows = here[log.block_of_body()]
             over = (log.body_residual([fit.points[i]])[0][rows] ** 2 - log.body.used[rows]).sum(0) / log.body.tau
             total += float(np.maximum(over, 0.0).sum())
     return total
+
+
+def _joints(effect: Effect, where: str, log: Evidence) -> np.ndarray:
+    """(J,) 1.0 at the joints whose drives feel the effect."""
+    names = log.atoms.joint_names
+    return mask(where, effect.axis, names) if effect.axis == "joint" else np.ones(len(names))

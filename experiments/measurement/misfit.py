@@ -9,6 +9,7 @@ from experiments.measurement.evidence import Evidence
 from experiments.measurement.fit_types import Refitted
 from experiments.measurement.joint_evidence import JointEvidence
 
+FEWEST = 20  # rows of a channel that tell its size
 FLOOR = 1.15  # residual over noise up to which a channel counts as explained
 
 
@@ -51,8 +52,15 @@ def misfit(log: Evidence | JointEvidence, fit: Refitted, index: int, blocks: np.
         count = used.sum(0)
         # smoothed rows share their noise: what is slower than the filter is weighed as it deserves
         size = np.sqrt((r**2).sum(0) / np.maximum(count, 1))
-        body = np.where(count > 20, size, np.nan)
+        body = np.where(_enough(log.body.channels, count), size, np.nan)
     return Misfit(drive, body)
+
+
+def _enough(channels: Sequence[str], count: np.ndarray) -> np.ndarray:
+    """Which channels have rows enough (C,) to tell their size; the feet slide on one ground and count together."""
+    feet = np.array([name.startswith("friction/") for name in channels])
+    together = np.where(feet, (count * feet).sum(), count)
+    return (together >= FEWEST) & (count > 0)
 
 
 def excess(logs: Sequence[Evidence], fit: Refitted) -> float:

@@ -59,7 +59,7 @@ def as_far_as_others(nominal: Sequence[Nominal], fit: Refitted) -> tuple[Nominal
 def nominal_freedom(model: Model, effects: Sequence[Effect], standing: bool) -> tuple[Nominal, ...]:
     """Nominal numbers that may be a little off, as far as these effects can express it.
 
-    standing: the robot stands on its legs, so that their bearings carry loads.
+    standing: the robot stands on its legs, so that their bearings carry loads and its feet may slide.
     """
     known = {effect.name for effect in effects}
     return tuple(n for n in _freedom(model, standing) if n.effect in known)
@@ -73,7 +73,8 @@ def _freedom(model: Model, standing: bool) -> tuple[Nominal, ...]:
     payload = Nominal("payload", "torso", "mass", WIDE * numbers.bodies.torso.mass)
     links = [Nominal(name, kind, "relative", WIDE) for name in ("link_mass", LINK_COM.name) for kind in kinds]
     bearings = [Nominal("joint_coulomb_drag", kind, "torque", _bearing_friction(numbers)) for kind in kinds if standing]
-    return (*_drive_freedom(numbers, {kind: kind for kind in kinds}), payload, *links, *bearings)
+    ground = [Nominal("ground_friction", "feet", "relative", WIDE)] if standing else []
+    return (*_drive_freedom(numbers, {kind: kind for kind in kinds}), payload, *links, *bearings, *ground)
 
 
 def _bearing_friction(numbers: RobotNumbers) -> float:

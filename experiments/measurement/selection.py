@@ -5,16 +5,16 @@ proposes; the non-linear refit on half of the blocks and its error on the other 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from experiments.effects.places import mask
 from experiments.measurement.belief import (
     LEAST_GAIN,
     Finalist,
     all_blocks,
     chi2_on,
     halves,
+    plain,
     proven,
     simplest,
     told_from_none,
@@ -23,22 +23,17 @@ from experiments.measurement.belief import (
 from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
-from experiments.measurement.fit_types import Nominal, Placed, Refitted
-from experiments.measurement.linear_score import Scored, best_of_each, following, scored_at
+from experiments.measurement.finalists import FINALISTS, SHORT_FIT, Round, at_other_joints
+from experiments.measurement.fit_types import Nominal, Refitted
+from experiments.measurement.footprint import noise_at
+from experiments.measurement.linear_score import Scored, best_of_each, scored_at
 from experiments.measurement.misfit import above_floor, excess
-from experiments.measurement.refit import refit, refit_effects
+from experiments.measurement.refit import refit
 
 MOST_EFFECTS = 6
-FINALISTS = 5  # effects that are refitted in each round
-# and as many more as score nearly as well: of sharp effects the linear score tells little
-NEARLY, MOST_FINALISTS = 0.5, 8
 CLEAR_GAIN, CLEAR_SHARE = 300.0, 0.03  # linear score, and of the noise where it acts, that make an effect worth a try
 LEAST_REST = 0.005  # of noise's own chi^2, above the floor: a smaller rest is no effect
 NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
-DOMINATED = 0.05  # of the best linear score: hypotheses below it are not refitted
-SHORT_FIT = 4  # iterations of a finalist's refit
-REFINED = 2  # finalists that are fitted again with all nominal numbers
-NEAR = 2.0  # times the best one's chi^2 on held-out blocks that they may leave
 
 
 class Rung(NamedTuple):
@@ -105,21 +100,20 @@ def select(
         ranking = scored_at(logs, products, selection.fit, nominal, changes, variants)
         selection.rankings.append(ranking)
         noise = weight_of(logs, all_blocks(logs))
-        worth = _more(logs, selection) or stands_out(ranking, noise, logs[0].atoms.joint_names)
+        worth = _more(logs, selection) or stands_out(ranking, logs)
         if ranking[0].gain < promising * (selection.fit.total - noise) or not worth:
             break
-        finalists = []
-        for scored in _finalists(ranking, selection.fit.effects):
-            say(f"refitting {scored.effect.name}@{scored.where}")
-            trial = (*selection.fit.effects, Placed(scored.effect.name, scored.where, scored.values))
-            held = replace(selection.fit, nominal=following(logs, products, selection.fit, nominal, changes, scored))
-            fitted = refit_effects(logs, trial, nominal, held, train, SHORT_FIT)
-            finalists.append(Finalist(scored, fitted, chi2_on(fitted, test)))
-        finalists = _with_nominal(finalists, logs, nominal, train, test)
+        round_ = Round(logs, nominal, changes, products, train, test, say)
+        finalists = round_.refitted(selection.fit, ranking)
         selection.refitted.append({(f.scored.effect.name, f.scored.where): f.held_out for f in finalists})
         chosen = _chosen(finalists, before, logs, test, selection)
-        if chosen is None:
-            break
+        if chosen is None:  # what nothing explains at some joints must not hide an effect at others
+            others = at_other_joints(ranking, logs[0].atoms.joint_names)
+            if not stands_out(others, logs):
+                break
+            chosen = _chosen(round_.refitted(selection.fit, others), before, logs, test, selection)
+            if chosen is None:
+                break
         winner, rivals = chosen
         full = refit(logs, winner.fit.effects, nominal, winner.fit)
         selection.ties.append([(f.scored.effect.name, f.scored.where) for f in rivals])
@@ -136,14 +130,13 @@ def _more(logs: Sequence[Evidence], selection: Selection) -> bool:
     return above_floor(logs, selection.fit) > max(LEAST_GAIN, LEAST_REST * weight_of(logs, all_blocks(logs)))
 
 
-def stands_out(ranking: Sequence[Scored], noise: float, joint_names: tuple[str, ...]) -> bool:
-    """Whether an effect at a few joints is worth a try though what is left is little beside the whole robot's `noise`.
+def stands_out(ranking: Sequence[Scored], logs: Sequence[Evidence]) -> bool:
+    """Whether an effect is worth a try for what it explains where it acts, though that is little for the whole robot.
 
     Of the four robots without an effect that this was set on, the best score was 244 and the largest share 1 %.
     """
     for best in best_of_each(ranking)[:FINALISTS]:
-        place = mask(best.where, best.effect.axis, joint_names)
-        if best.gain > max(CLEAR_GAIN, CLEAR_SHARE * noise * place.sum() / len(place)):
+        if best.gain > max(CLEAR_GAIN, CLEAR_SHARE * noise_at(best.effect, best.where, logs, all_blocks(logs))):
             return True
     return False
 
@@ -151,11 +144,16 @@ def stands_out(ranking: Sequence[Scored], noise: float, joint_names: tuple[str, 
 def _chosen(
     finalists: list[Finalist], before: Refitted, logs: Sequence[Evidence], test, selection: Selection
 ) -> tuple[Finalist, list[Finalist]] | None:
-    """The winner and its rivals: proven on held-out blocks and, of several logs, not refuted by one left out whole."""
-    finalists = [f for f in finalists if told_from_none(f.scored.effect, f.fit)]
-    best = finalists[0] if finalists else None
-    if best is None or not proven(best.scored.effect, best.scored.where, before, best.held_out, logs, test):
+    """The winner and its rivals: proven on held-out blocks and, of several logs, not refuted by one left out whole.
+
+    One that explains more of the whole robot's noise than the winner, but too little of its own parts', is no rival.
+    """
+    asked = lambda f: (f.scored.effect, f.scored.where, before, f.held_out, logs, test)  # noqa: E731
+    finalists = [f for f in finalists if told_from_none(f.scored.effect, f.fit) or plain(*asked(f))]
+    there = [proven(*asked(f)) for f in finalists]
+    if not any(there):
         return None
+    finalists = finalists[there.index(True) :]
     winner, rivals = simplest(finalists, chi2_on(before, test), weight_of(logs, test), logs[0].atoms.joint_names)
     close = [winner, *rivals]
     for one in close:
@@ -164,28 +162,6 @@ def _chosen(
             return one, [other for other in close if other is not one]
         selection.refuted.append(Refuted(one.scored.effect.name, one.scored.where, log))
     return None
-
-
-def _with_nominal(finalists: list[Finalist], logs, nominal, train, test) -> list[Finalist]:
-    """Best first; the best few are fitted again with the nominal numbers free."""
-    finalists.sort(key=lambda f: f.held_out)
-    near = [f for f in finalists[:REFINED] if f.held_out < NEAR * finalists[0].held_out]
-    for i, finalist in enumerate(near):
-        fit = refit(logs, finalist.fit.effects, nominal, finalist.fit, train, SHORT_FIT)
-        finalists[i] = finalist._replace(fit=fit, held_out=chi2_on(fit, test))
-    return sorted(finalists, key=lambda f: f.held_out)
-
-
-def _finalists(ranking: Sequence[Scored], chosen: Sequence[Placed]) -> list[Scored]:
-    taken = {(p.effect, p.where) for p in chosen}
-    fresh = [s for s in ranking if (s.effect.name, s.where) not in taken]
-    best = [s for s in best_of_each(fresh) if s.gain > LEAST_GAIN / 2][:MOST_FINALISTS]
-    near = sum(s.gain > NEARLY * best[0].gain for s in best)
-    best = [s for s in best[: max(FINALISTS, near)] if s.gain > DOMINATED * best[0].gain]
-    if best:  # the winner's next best place is a hypothesis of its own
-        rivals = [s for s in fresh if s.effect is best[0].effect and s.where != best[0].where]
-        best += [s for s in rivals if s.gain > 0.7 * best[0].gain][:1]
-    return best
 
 
 def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None:

@@ -18,6 +18,7 @@ Verdict = Literal["explained", "partly_explained", "none", "unknown", "not_ident
 
 QUIET = 1.3 * FLOOR  # residual over noise of the worst channel where nothing is missing
 FOUND_SHARE = 0.7  # of the excess over the floor that the effects must take away to be believed
+LOUD, SHARE_OF_LOUD = 5.0 * QUIET, 0.05  # a rest so loud, and such a share of the misfit, has another law than these
 LARGE = 0.2  # of the nominal excess: a smaller effect that has rivals does not make the verdict uncertain
 NOTHING_LEFT = 5e-4  # of the misfit: it rounds to 0.0 %, however many noises of a strong effect that still is
 
@@ -45,7 +46,7 @@ def decide(logs: Sequence[Evidence], selection: Selection) -> tuple[Verdict, tup
     effects, quiet = selection.fit.effects, left <= QUIET
     if not effects:
         return ("none" if quiet else "unknown"), ()
-    if not quiet and unexplained(logs, selection) > 1.0 - FOUND_SHARE:
+    if not quiet and unexplained(logs, selection) > (SHARE_OF_LOUD if left > LOUD else 1.0 - FOUND_SHARE):
         return "unknown", ()
     if any(tied and _large(logs, selection, k) for k, tied in enumerate(selection.ties)):
         return "not_identifiable", effects

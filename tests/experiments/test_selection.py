@@ -1,5 +1,7 @@
 """Which of several finalists is named, and which count as its rivals."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -45,11 +47,23 @@ def test_a_weak_effect_is_not_given_up_for_a_simpler_one_because_the_noise_was_t
 
 
 @pytest.mark.parametrize(
-    ("where", "gain", "tried"), [("LH_KFE", 310.0, True), ("LH_KFE", 290.0, False), ("all", 310.0, False)]
+    ("name", "where", "gain", "tried"),
+    [
+        ("backlash", "LH_KFE", 310.0, True),
+        ("backlash", "LH_KFE", 290.0, False),
+        ("backlash", "all", 310.0, False),
+        ("ground_friction", "feet", 310.0, True),
+        ("torque_sensor_offset", "all", 370.0, False),
+    ],
 )
-def test_a_score_is_held_against_the_noise_of_the_joints_where_it_acts(where: str, gain: float, tried: bool) -> None:
-    scored = Scored(LIBRARY["backlash"], where, gain, {}, None)
-    assert stands_out([scored], 12000.0, JOINT_NAMES) == tried
+def test_a_score_is_held_against_the_noise_of_the_parts_where_it_acts(
+    name: str, where: str, gain: float, tried: bool
+) -> None:
+    drive = SimpleNamespace(used=np.full((100, 12, 3), 12000 / 3600))
+    body = SimpleNamespace(used=np.ones((100, 10)), tau=np.ones(10))
+    log = SimpleNamespace(blocks=1, drive=drive, body=body, atoms=SimpleNamespace(joint_names=JOINT_NAMES))
+    log.block_of_drive = log.block_of_body = lambda: np.zeros(100, int)
+    assert stands_out([Scored(LIBRARY[name], where, gain, {}, None)], [log]) == tried
 
 
 @pytest.mark.parametrize(
@@ -66,3 +80,11 @@ def test_a_score_is_held_against_the_noise_of_the_joints_where_it_acts(where: st
 def test_an_effect_is_not_believed_whose_interval_holds_none(name, values, spread, believed) -> None:
     fit = Refitted((Placed(name, "all", values),), np.zeros(0), np.zeros(0), (), (), np.diag(np.square(spread)))
     assert told_from_none(LIBRARY[name], fit) == believed
+
+
+def test_an_effect_is_believed_of_whose_strengths_only_the_sum_is_known() -> None:
+    delays = Placed("sensor_delay", "HFE", {"joint_side": 0.0022, "motor_side": 0.0024})
+    apart = np.array([[1.0, -0.99], [-0.99, 1.0]]) * 0.003**2
+    for covariance, believed in ((apart, True), (abs(apart), False)):
+        fit = Refitted((delays,), np.zeros(0), np.zeros(0), (), (), covariance)
+        assert told_from_none(LIBRARY["sensor_delay"], fit) == believed
