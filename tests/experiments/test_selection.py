@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
-from experiments.measurement.belief import Finalist, simplest, told_from_none
+from experiments.measurement.belief import Finalist, plain, simplest, told_from_none
+from experiments.measurement.finalists import at_other_joints
 from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.linear_score import Scored
 from experiments.measurement.selection import stands_out
@@ -88,3 +89,23 @@ def test_an_effect_is_believed_of_whose_strengths_only_the_sum_is_known() -> Non
     for covariance, believed in ((apart, True), (abs(apart), False)):
         fit = Refitted((delays,), np.zeros(0), np.zeros(0), (), (), covariance)
         assert told_from_none(LIBRARY["sensor_delay"], fit) == believed
+
+
+def test_what_nothing_explains_at_some_joints_does_not_hide_the_others() -> None:
+    places = ["LF_HFE", "HFE", "LH_HFE", "LF", "RH_KFE", "all"]
+    ranking = [Scored(LIBRARY["backlash"], where, 100.0 - i, {}, None) for i, where in enumerate(places)]
+    assert [s.where for s in at_other_joints(ranking, JOINT_NAMES)] == ["LH_HFE", "RH_KFE"]
+    load = Scored(LIBRARY["payload"], "torso", 200.0, {}, None)
+    assert at_other_joints([load, *ranking], JOINT_NAMES) == []
+
+
+@pytest.mark.parametrize(("where", "after", "believed"), [("LF_HFE", 5000.0, True), ("LF_HFE", 7900.0, False)])
+def test_an_effect_that_explains_most_of_its_joints_misfit_needs_no_interval(where, after, believed) -> None:
+    residual = np.ones((1, 100, 12, 3))
+    residual[:, :, JOINT_NAMES.index("LF_HFE")] = 4.0  # 300 residuals that are 4500 above noise together
+    log = SimpleNamespace(blocks=1, body=None, atoms=SimpleNamespace(joint_names=JOINT_NAMES))
+    log.drive = SimpleNamespace(used=np.ones((100, 12, 3)))
+    log.block_of_drive = lambda: np.zeros(100, int)
+    log.drive_residual = lambda points: residual
+    before = Refitted((), np.zeros(0), np.zeros(0), (None,), (np.array([8100.0]),), np.zeros((0, 0)))
+    assert plain(LIBRARY["backlash"], where, before, after, [log], [np.ones(1, bool)]) == believed
