@@ -9,6 +9,7 @@ import pytest
 from experiments.cli.measuring_tables import fitted_lines, show_comparison
 from experiments.effects.bench import GRAVITY_LOAD
 from experiments.effects.library import LIBRARY
+from experiments.measurement.check import check
 from experiments.measurement.compare import compare
 from experiments.measurement.diagnose import diagnose
 from experiments.measurement.gather import model_for
@@ -60,6 +61,11 @@ def test_the_right_model_lacks_nothing() -> None:
     found = diagnose([log], model_for(log, nominal_model()), GEARED, SILENT)
     assert found.verdict == "none" and not found.effects
     assert found.answer["fit_percent"][0]["all"] > 98.0
+
+
+def test_a_drive_that_filters_its_log_below_the_noise_it_states_is_believed() -> None:
+    log = bench_log()
+    assert check(replace(log, noise_std={"joint_position": 1e3 * ENCODER}), {}) == []
 
 
 def test_numbers_that_are_a_little_off_are_no_effect() -> None:
