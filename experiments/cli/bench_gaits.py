@@ -16,7 +16,8 @@ model with estimated state, beside the gait's initial guess; survival over sidew
 slopes with a full turn, and friction; and the same gait in MuJoCo C with its own contact. One JSON line per gait;
 gaits.json and report.html in the output folder.
 
-    starleth bench gaits                                   all (about 15 minutes on two cores)
+    starleth bench gaits                                   all
+    starleth bench gaits --sweep-trials 8                  all, with fewer trials (8 minutes on one core)
     starleth bench gaits walking_trot runs/my_trot         these
     starleth bench gaits --sweep-trials 0 --no-mujoco-c    only the unseen trials
 """
