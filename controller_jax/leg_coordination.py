@@ -83,6 +83,10 @@ def coordinate(
 
     normal_W: (3,) of the ground, along which a foot seeks contact.
     """
+
+    def flag(x):
+        return x.astype(soles_W.dtype)
+
     stand, touch = phases.stance > 0.0, contact > 0.0
     late_swing = phases.swing_phase > params.early_touch_down
     surprises = _surprises(params, phases, memory.touched > 0.0, stand, touch)
@@ -102,21 +106,21 @@ def coordinate(
     memory = LegMemory(
         foothold_W=jnp.where((lands | surprises.late_lift_off)[:, None], soles_W, memory.foothold_W),
         slip_W=slip_W,
-        touched=_flag((stand | late_swing) & ((memory.touched > 0.0) | lands)),
+        touched=flag((stand | late_swing) & ((memory.touched > 0.0) | lands)),
         lift_off_phase=lift_off_phase,
-        obstacle=_flag(hit),
+        obstacle=flag(hit),
         air_time=air_time,
         sought_W=sought_W,
     )
     roles = LegRoles(
-        support=_flag((stand | late_swing) & holds & ~slips),
+        support=flag((stand | late_swing) & holds & ~slips),
         swing_progress=(phases.swing_phase - lift_off_phase) / (1.0 - lift_off_phase),
-        raising=params.raising * _flag(surprises.obstacle),
-        seek=_flag(seek),
-        clearance=params.raising * _flag(hit),
+        raising=params.raising * flag(surprises.obstacle),
+        seek=flag(seek),
+        clearance=params.raising * flag(hit),
     )
     told = surprises.late_lift_off & (phases.swing_phase > params.tolerance)
-    events = LegEvents(*(_flag(x) for x in surprises._replace(slip=slips, late_lift_off=told)))
+    events = LegEvents(*(flag(x) for x in surprises._replace(slip=slips, late_lift_off=told)))
     return memory, roles, events
 
 
@@ -145,8 +149,3 @@ def _slip(
     far = (slip_W * slip_W).sum(-1) > params.slip_distance**2
     fast = (velocity_W * velocity_W).sum(-1) > params.slip_speed**2
     return slip_W, stands & far & fast
-
-
-def _flag(x: Array) -> Array:
-    """1.0 where true."""
-    return x.astype(jnp.float32)
