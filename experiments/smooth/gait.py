@@ -18,13 +18,13 @@ from controller_jax.force_problem import support_legs
 from controller_jax.gait import GaitPattern, LegPhases
 from controller_jax.joint_torques import joint_torques
 from controller_jax.leg_kinematics import leg_kinematics
-from controller_jax.locomotion import GaitParams, LocomotionState, torso_velocity
+from controller_jax.locomotion import GaitParams, LocomotionState
 from controller_jax.rotations import control_frame, cross, mv
 from controller_jax.swing_leg import joint_positions, swing_motion
 from controller_jax.terrain_estimator import Plane
 from controller_jax.torso_motion import TorsoTarget, torso_target
 from controller_jax.types import JointTargets, LegGeometry, RobotState
-from controller_jax.velocity_command import VelocityCommand, learn, smooth
+from controller_jax.velocity_command import VelocityCommand, smooth
 from controller_jax.virtual_model import Integrals, virtual_model
 from experiments.smooth.forces import smooth_forces, tangential
 from experiments.smooth.laws import Widths, clip, step
@@ -38,7 +38,7 @@ class SmoothGaitState(NamedTuple):
 
     phase: Array  # () of the stride
     command: VelocityCommand  # smoothed
-    trim: VelocityCommand
+    trim: VelocityCommand  # held: over one stride it hardly moves, and at its clamp it has no slope
     plane: Plane
     foothold_W: Array  # (4, 3) m
     integrals: Integrals
@@ -92,8 +92,7 @@ def control(
     swing = (1.0 - gait.duty_factors(pattern)) * pattern.stride_duration
     stepping = step(swing.min() - params.start.shortest_swing, widths.time)
     smoothed = smooth(params.velocity, state.command, VelocityCommand(*(stepping * speed for speed in command)))
-    trim = learn(params.velocity, state.trim, smoothed, torso_velocity(robot, R_WC), period)
-    asked = jax.tree.map(jnp.add, smoothed, trim)
+    asked = jax.tree.map(jnp.add, smoothed, state.trim)
 
     target = torso_target(
         params.torso, pattern, phases, phase, soles_W, plane, robot.r_WB, R_WC, asked, geometry.gravity
@@ -112,7 +111,7 @@ def control(
     got = jnp.concatenate([force.sum(0), cross(support.r_BF_C, force).sum(0)])
     cone_use = planned * tangential(distribution.force) / (params.distribution.friction * distribution.force[:, 2])
     info = SmoothGaitInfo(planned, plane, target, got - wrench, cone_use)
-    return SmoothGaitState(phase, smoothed, trim, plane, foothold_W, integrals, distribution), targets, info
+    return SmoothGaitState(phase, smoothed, state.trim, plane, foothold_W, integrals, distribution), targets, info
 
 
 def _schedule(params: GaitParams, phase: Array, time: Array, period: Array) -> tuple[GaitPattern, Array]:
