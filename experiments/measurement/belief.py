@@ -20,6 +20,7 @@ TIE = 0.25  # of what the winner leaves over the noise, or takes away: a rival t
 MOST = 0.5  # of what is left where an effect acts
 NOTHING = 4.0  # of chi^2, by which joints differ that do not feel an effect
 COVERAGE, CONFIDENCE = 1.96, 0.95  # standard deviations to each side that an interval reaches, and what it holds
+SURELY = 1e-9  # of a strength: a smaller spread says no more
 DEGENERATE = 1e-6  # of the largest variance: less is rounding
 
 
@@ -49,7 +50,8 @@ def told_from_none(effect: Effect, fit: Refitted) -> bool:
 
 def _distance(x: np.ndarray, covariance: np.ndarray) -> float:
     """Squared Mahalanobis distance of x (n,) from zero, also where of two strengths only the sum is known."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    least = np.maximum(SURELY * np.abs(x), np.finfo(float).tiny)  # a spread of zero, too, is a distance
+    scale = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), least)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     along = vectors.T @ (x / scale)
     return float((along**2 / np.maximum(values, DEGENERATE)).sum())
