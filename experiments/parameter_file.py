@@ -72,6 +72,11 @@ def write_parameters(path: Path | str, **fields: Any) -> ParameterFile:
     return ParameterFile.model_validate(content)
 
 
+def parameters_at(source: Path) -> Path:
+    """The parameter file itself, or that of a run's folder."""
+    return source / "parameters.json" if source.is_dir() else source
+
+
 def read_parameters(
     path: Path | str,
     *,

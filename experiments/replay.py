@@ -12,7 +12,7 @@ from experiments.effects.effect import Effect
 from experiments.errors import UserError
 from experiments.imu_sensing import make_sensing
 from experiments.model import Model
-from experiments.parameter_file import read_parameters
+from experiments.parameter_file import parameters_at, read_parameters
 from experiments.parameter_schema import ParameterFile
 from experiments.plant import make_plant
 from experiments.rollout import Rollout, Score, Tick
@@ -40,7 +40,7 @@ def load_motion(source: Path, model: Model, task: str | None = None) -> Motion:
     task: the user's own task file, if it was tuned with one. Raises UserError, also for parameters of another model
     or task.
     """
-    path = source / "parameters.json" if source.is_dir() else source
+    path = parameters_at(source)
     file = read_parameters(path, model_hash=model.hash(), allow_ungated=True)
     return Motion(file, task_of(file, path, task))
 

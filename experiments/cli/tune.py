@@ -127,7 +127,7 @@ def _definition(
     refine: int,
 ) -> "TaskDefinition":
     """The task as the options want it. Raises UserError."""
-    from experiments.parameter_file import read_parameters
+    from experiments.parameter_file import parameters_at, read_parameters
     from experiments.tasks.definition import load_task
     from sea_jax import DRIVES
 
@@ -135,8 +135,7 @@ def _definition(
         raise UserError(f"No drive '{drive}'; choose one of {', '.join(DRIVES)}.")
     definition = load_task(task)
     if start is not None:
-        path = start / "parameters.json" if start.is_dir() else start
-        found = read_parameters(path, task=definition.task, allow_ungated=True)
+        found = read_parameters(parameters_at(start), task=definition.task, allow_ungated=True)
         definition = definition.going_on_from(found.values())
     if generations == 0 and not refine:
         raise UserError("--generations 0 searches nothing; give it --refine too, or generations.")

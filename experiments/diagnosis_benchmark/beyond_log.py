@@ -37,7 +37,6 @@ from experiments.tune import TuneOptions, tune
 
 TASK = "squat_jump"
 LOG_DURATION = 8.0  # s
-STANDING = 0.42  # m, the torso's height from which the jump begins and where it is to end
 LEAST_LOSS = 0.01  # m; two programs of one jump differ by as much through rounding alone
 MAX_BYTES = 50_000_000
 
@@ -76,26 +75,27 @@ def beyond_log(
     say("tuning a jump on the nominal model")
     first, _ = _tuned(folder / "first", begun, nominal_model(), seed, devices)
     definition = begun.going_on_from(begun.space().named(first)).with_generations(max(generations // 2, 1))
+    standing = float(make_task(definition, nominal_model()).settings.landing_height)
     found: dict[str, Any] = {"hidden": name, "parameters": hidden.parameters, "verdict": answer["verdict"]}
     found["learned_effects"] = [f"{e.effect}@{e.where}" for e in learned.effects]
     for which, where, model in (("nominal", folder, nominal_model()), ("learned", mine, learned)):
         say(f"searching on from it on the {which} model")
         values, promised = _tuned(where / which, definition, model, seed, devices)
         reached = jump(values, definition, model, (hidden,))
-        found[which] = {"promised_apex": round(promised, 4)} | _told(reached)
+        found[which] = {"promised_apex": round(promised, 4)} | _told(reached, standing)
         if which == "nominal":
-            found["nominal_without_effect"] = _told(jump(values, definition, model, ()))
+            found["nominal_without_effect"] = _told(jump(values, definition, model, ()), standing)
     lost = found["nominal_without_effect"]["height"] - found["nominal"]["height"]
     won_back = found["learned"]["height"] - found["nominal"]["height"]
     share = round(won_back / lost, 3) if lost >= LEAST_LOSS else None
     return found | {"lost": round(lost, 4), "won_back": round(won_back, 4), "won_back_share": share}
 
 
-def _told(jump: Jump) -> dict[str, Any]:
-    """A jump on the robot: what it is worth, and how it went."""
+def _told(jump: Jump, standing: float) -> dict[str, Any]:
+    """A jump on the robot: what it is worth over the standing torso's height [m], and how it went."""
     apex, ends_at = jump.apex_height, float(jump.true["base_position"][-1, 2])
     return {
-        "height": 0.0 if jump.fallen else round(apex - STANDING, 4),
+        "height": 0.0 if jump.fallen else round(apex - standing, 4),
         "apex": round(apex, 4),
         "fallen": jump.fallen,
         "ends_at": round(ends_at, 4),

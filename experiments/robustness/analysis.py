@@ -15,7 +15,7 @@ from experiments.errors import UserError
 from experiments.export import ROBOT, versions
 from experiments.files import first_complaint, nan_as_null, shown, write_json
 from experiments.model import Model
-from experiments.parameter_file import gate, now, read_parameters, write_parameters
+from experiments.parameter_file import gate, now, parameters_at, read_parameters, write_parameters
 from experiments.parameter_schema import ParameterFile
 from experiments.perturbations import Perturbations
 from experiments.recording import until_divergence
@@ -58,7 +58,7 @@ def plan(
     required: float | None,
 ) -> Plan:
     """Read the motion and put the analysis together. Raises UserError."""
-    path = source / "parameters.json" if source.is_dir() else source
+    path = parameters_at(source)
     file = read_parameters(path, robot=ROBOT, allow_ungated=True)
     if model.numbers is None:
         raise UserError("This model is a single joint on a bench: it has no legs to try a motion on.")

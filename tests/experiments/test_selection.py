@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
+from experiments.measurement import verdict as verdicts
 from experiments.measurement.belief import Finalist, plain, simplest, told_from_none
-from experiments.measurement.finalists import at_other_joints
+from experiments.measurement.finalists import Round, at_other_joints
 from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.linear_score import Scored
+from experiments.measurement.misfit import _enough
 from experiments.measurement.selection import stands_out
 from mjx_starleth.names import JOINT_NAMES
 
@@ -109,3 +111,32 @@ def test_an_effect_that_explains_most_of_its_joints_misfit_needs_no_interval(whe
     log.drive_residual = lambda points: residual
     before = Refitted((), np.zeros(0), np.zeros(0), (None,), (np.array([8100.0]),), np.zeros((0, 0)))
     assert plain(LIBRARY["backlash"], where, before, after, [log], [np.ones(1, bool)]) == believed
+
+
+def test_feet_that_slide_for_a_few_rows_each_count_together() -> None:
+    channels = ("torso_force/x", "link_torque/LF_HAA", "friction/LF", "friction/RF", "friction/LH")
+    assert _enough(channels, np.array([500, 19, 13, 8, 0])).tolist() == [True, False, True, True, False]
+    assert not _enough(channels, np.array([500, 19, 13, 6, 0]))[2:].any()
+
+
+@pytest.mark.parametrize(
+    ("left", "share", "verdict"),
+    [(16.0, 0.16, "unknown"), (16.0, 0.04, "partly_explained"), (3.0, 0.16, "partly_explained"), (3.0, 0.4, "unknown")],
+)
+def test_a_loud_rest_that_is_no_small_share_has_another_law(monkeypatch, left, share, verdict) -> None:
+    monkeypatch.setattr(verdicts, "worst", lambda logs, fit: left)
+    monkeypatch.setattr(verdicts, "unexplained", lambda logs, selection: share)
+    fit = SimpleNamespace(effects=(Placed("torque_constant", "RF_HFE", {"relative": -0.3}),))
+    assert verdicts.decide([None], SimpleNamespace(fit=fit, ties=[[]], ladder=[]))[0] == verdict
+
+
+@pytest.mark.parametrize(
+    ("name", "where", "tried"),
+    [("sensor_delay", "HFE", True), ("sensor_delay", "LF_HFE", False), ("sensor_delay", "all", False)],
+)
+def test_an_effect_of_a_kind_of_joint_is_tried_at_all_of_them(name: str, where: str, tried: bool) -> None:
+    log = SimpleNamespace(atoms=SimpleNamespace(joint_names=JOINT_NAMES))
+    round_ = Round([log], (), [], [], [], [], print)
+    best = Scored(LIBRARY[name], where, 1.0, {}, None)
+    assert round_._may_be_everywhere(best, ()) == tried
+    assert not round_._may_be_everywhere(best, (Placed(name, "all", {}),))
