@@ -31,7 +31,7 @@ def cheap_drive(
 
     def velocity_period(carry, time):
         state, tally = carry
-        signals = signals_at(state, start.motion, time, period)
+        signals = signals_at(params, state, start.motion, time, period)
         bus, memory = apply_hooks(hooks, "supply_voltage", params.bus_voltage, signals, state.memory)
         wanted_current, integral = laws.velocity_loop(
             params, start.commanded, state.motor_velocity, state.velocity_integral, period

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from sea_jax.electronics import back_emf
 from sea_jax.hooks import apply_hooks, no_signals
 from sea_jax.laws import LAWS, DriveLaws
 from sea_jax.motor import spring_on_link
@@ -48,13 +49,16 @@ class Tally(NamedTuple):
         )
 
 
-def signals_at(state: DriveState, motion: JointMotion, time: Array | float, period: float) -> Signals:
+def signals_at(
+    params: DriveParams, state: DriveState, motion: JointMotion, time: Array | float, period: float
+) -> Signals:
     """Motor as in `state`, link extrapolated `time` seconds into the period with constant acceleration."""
     turned = motion.acceleration * time
     return no_signals(state.current, period)._replace(
         motor_position=state.motor_position,
         motor_velocity=state.motor_velocity,
         current=state.current,
+        winding_voltage=params.resistance * state.current + back_emf(params, state.motor_velocity),
         joint_position=motion.position + time * (motion.velocity + 0.5 * turned),
         joint_velocity=motion.velocity + turned,
     )
@@ -70,7 +74,7 @@ def begin_period(
 ) -> PeriodStart:
     """Hooks of command and measurement, joint controllers and their limits."""
     command, measurement, motion = inputs
-    signals = signals_at(state, motion, 0.0, periods.control)
+    signals = signals_at(params, state, motion, 0.0, periods.control)
     command, memory = apply_hooks(hooks, "command", command, signals, state.memory)
     measurement, memory = apply_hooks(hooks, "measurement", measurement, signals, memory)
     wanted = laws.wanted_velocity(params, command, measurement)
@@ -95,7 +99,7 @@ def finish_period(
     the torque by the spring's damping at once and by its stiffness in the mean after half the period (the steps
     look at their start); the spring's coefficients are those of the two ends of the period.
     """
-    signals = signals_at(state, start.motion, periods.control, step)
+    signals = signals_at(params, state, start.motion, periods.control, step)
     end_torque, signals, _ = spring_on_link(params, hooks, signals, state.memory, laws)
     before = laws.spring_coefficients(params, start.state.motor_position - start.motion.position)
     after = laws.spring_coefficients(params, signals.deflection)

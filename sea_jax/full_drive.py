@@ -45,7 +45,7 @@ def watched_drive(
 
     def current_period(carry, time):
         state, tally, seen, wanted_current = carry
-        signals = signals_at(state, start.motion, time, period)
+        signals = signals_at(params, state, start.motion, time, period)
         bus, memory = apply_hooks(hooks, "supply_voltage", params.bus_voltage, signals, state.memory)
         voltage, integral = current_loop(params, wanted_current, state.current, state.current_integral, bus, period)
         current = electronics(coil, voltage, state.motor_velocity, state.current)

@@ -105,13 +105,13 @@ def replay(
         state, _, sensed = watched_drive(params, state, moved, hooks, periods, (still, still, still), add_if_at_row)
         angle, velocity, current = sensed
         angle = angle - timing.angle_lead * velocity
-        end = signals_at(state, motion, periods.control, periods.current)
+        end = signals_at(params, state, motion, periods.control, periods.current)
         end = end._replace(motor_position=angle, motor_velocity=velocity, current=current)
         torque, _, _ = spring_on_link(params, hooks, end, state.memory)
         return (state, Trajectory(angle, velocity, current, torque)), seen
 
     first = jax.tree.map(lambda x: x[0], rows.motion)
-    torque, _, _ = spring_on_link(params, hooks, signals_at(start, first, 0.0, periods.current), start.memory)
+    torque, _, _ = spring_on_link(params, hooks, signals_at(params, start, first, 0.0, periods.current), start.memory)
     seen = Trajectory(*_sensed(start), torque)
     _, trajectory = jax.lax.scan(row, (start, seen), tuple(rows))
     return trajectory

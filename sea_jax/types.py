@@ -91,6 +91,7 @@ class Signals(NamedTuple):
     motor_position: Array  # gear output side, rad
     motor_velocity: Array  # gear output side, rad/s
     current: Array  # A
+    winding_voltage: Array  # V that holds this current at this velocity, R I + K_e w
     joint_position: Array  # rad
     joint_velocity: Array  # rad/s
     deflection: Array  # rad

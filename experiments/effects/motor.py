@@ -25,8 +25,13 @@ def _ripple(p, torque, s):
 
 
 def _sag(p, voltage, s):
-    # a supply gives most power at half its voltage: it falls no further
-    return jnp.maximum(voltage - p.resistance * jnp.abs(s.current).sum(), 0.5 * voltage)
+    # V = V_0 - R i: a switching amplifier draws its motor's power, i = sum(U I) / V, a linear one its motor's current
+    power = jnp.maximum((s.winding_voltage * s.current).sum(), 0.0)  # braking motors feed the others, not the supply
+    half = 0.5 * voltage  # a supply gives most power there: it falls no further
+    linear = jnp.maximum(voltage - p.resistance * (1.0 - p.switching) * jnp.abs(s.current).sum(), half)
+    drop = p.resistance * p.switching * power  # V^2
+    root = jnp.sqrt(jnp.maximum(jnp.square(linear) - 4.0 * drop, jnp.square(0.02 * half)))  # a slope at its end, too
+    return jnp.maximum(linear - 2.0 * drop / (linear + root), half)
 
 
 EFFECTS = (
@@ -73,7 +78,11 @@ EFFECTS = (
         "the supply falls with the current that all motors draw",
         "drive",
         "joint",
-        (Parameter("resistance", "ohm", 0.0, 4.0, 0.2),),
+        (
+            Parameter("resistance", "ohm", 0.0, 20.0, 0.5),
+            Parameter("switching", "share of the amplifiers that switch", 0.0, 1.0, 1.0, "shape"),
+        ),
         {"supply_voltage": _sag},
+        seeds=({"switching": 0.0},),
     ),
 )
