@@ -68,7 +68,7 @@ def parameters(log: Evidence | JointEvidence, model: Model) -> Answer:
 def best_single(log: Evidence | JointEvidence) -> Answer:
     """The single effect that fits the whole log best, with no proof."""
     fit = refit([log], (), (), iterations=3)
-    changes, variants = changes_of(log.atoms.effects, [log])
+    changes, variants = changes_of(log.atoms.effects, [log], fit.points)
     candidates = best_of_each(score([log], fit, (), changes, variants))[:CANDIDATES]
     fits = [refit([log], [Placed(s.effect.name, s.where, s.values)], (), fit) for s in candidates if s.gain > 0]
     if not fits:
@@ -80,7 +80,7 @@ def best_single(log: Evidence | JointEvidence) -> Answer:
 def sparse(log: Evidence | JointEvidence) -> Answer:
     """Thresholded least squares on the features of all effects at all places."""
     fit = refit([log], (), (), iterations=3)
-    changes, variants = changes_of(log.atoms.effects, [log])
+    changes, variants = changes_of(log.atoms.effects, [log], fit.points)
     products = log.products(fit.points[0], changes)
     gram = products.gram.sum(0)
     names, columns = [], []

@@ -16,11 +16,11 @@ NEAR: Final = 20  # lines of the grid that a line has to stand out from, to both
 LINES: Final = 4
 
 
-def ripple_lines(drive: DriveEvidence, x: np.ndarray) -> tuple[float, ...]:
-    """The LINES harmonics that stand out most in any joint's missing current, at the atoms x (n,)."""
+def ripple_lines(drive: DriveEvidence, residual: np.ndarray) -> tuple[float, ...]:
+    """The LINES harmonics that stand out most in any joint's missing current, of a residual (T, J, 3)."""
     c, rows = CHANNELS.index("motor_current"), drive.rows
     angle, current = drive.log.motor_position[:rows].astype(float), drive.measured[..., c].astype(float)
-    missing = drive.residual(x[None], np.zeros((1, angle.shape[1])))[0][..., c].astype(float)
+    missing = residual[..., c].astype(float)
     spectrum = np.maximum(_power(angle, missing), _power(angle, missing * _unit(current)))
     contrast = np.stack([_contrast(column) for column in spectrum.T]).max(0)
     found: list[float] = []

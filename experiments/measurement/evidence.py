@@ -10,6 +10,7 @@ from experiments.measurement.body_evidence import BODY_HOOKS, BodyEvidence
 from experiments.measurement.body_replay import DECIMATION, filter_window
 from experiments.measurement.drive_evidence import DRIVE_HOOKS, DriveEvidence
 from experiments.measurement.drive_replay import CHANNELS as DRIVE_CHANNELS
+from experiments.measurement.drive_ripple import ripple_lines
 from experiments.measurement.features import Change, Products, Seeds
 from experiments.measurement.load_evidence import LoadEvidence
 from experiments.measurement.remembered import Remembered
@@ -38,7 +39,6 @@ class Evidence:
     blocks: int
     period: float
     model_x: np.ndarray  # (n,)
-    seeds: Seeds
     drives_known: Remembered = field(default_factory=Remembered)
     bodies_known: Remembered = field(default_factory=Remembered)
 
@@ -55,6 +55,13 @@ class Evidence:
     def start(self) -> Point:
         """Where every fit begins: the model's own effects, nothing else off."""
         return Point(self.model_x, np.zeros(len(self.atoms.joint_names)), np.zeros(self.offsets))
+
+    def seeds_at(self, point: Point) -> Seeds:
+        """Starts of shape parameters that what is left at a point brings."""
+        if self.drive is None or "torque_ripple" not in {effect.name for effect in self.atoms.effects}:
+            return {}
+        lines = ripple_lines(self.drive, self.drive_residual([point])[0])
+        return {"torque_ripple": tuple({"harmonic": harmonic} for harmonic in lines)}
 
     def drive_residual(self, points: list[Point]) -> np.ndarray:
         """(H, T, J, 3) in units of the floor. Points that differ only in what the drives do not feel are run once."""

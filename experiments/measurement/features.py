@@ -48,12 +48,15 @@ SHARP = frozenset(
 Seeds = Mapping[str, tuple[Mapping[str, float], ...]]  # starts of the shape parameters, by effect
 
 
-def changes_of(effects: tuple[Effect, ...], logs: Sequence[Any] = ()) -> tuple[list[Change], list[Variant]]:
-    """All changes to evaluate, and the linear hypotheses that they make; logs may bring `seeds` of their own."""
+def changes_of(
+    effects: tuple[Effect, ...], logs: Sequence[Any] = (), points: Sequence[Any] = ()
+) -> tuple[list[Change], list[Variant]]:
+    """All changes to evaluate, and the linear hypotheses that they make; logs may bring starts of shapes at a point."""
+    seeds = [log.seeds_at(point) for log, point in zip(logs, points, strict=True)]
     changes: list[Change] = []
     variants: list[Variant] = []
     for effect in effects:
-        own = tuple(seed for log in logs for seed in log.seeds.get(effect.name, ()))
+        own = tuple(seed for found in seeds for seed in found.get(effect.name, ()))
         for shapes, size in _shapes_and_sizes(effect, own):
             found = []
             for strength in effect.strengths:

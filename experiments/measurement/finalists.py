@@ -60,8 +60,12 @@ class Round(NamedTuple):
         return Finalist(scored, free, chi2_on(free, self.test))
 
     def _refitted(self, fit: Refitted, scored: Scored) -> Finalist:
+        """Nominal numbers follow the linear score; where that takes the fit farther off than it was, they stay."""
         nominal = following(self.logs, self.products, fit, self.nominal, self.changes, scored)
-        return self._beside(fit, scored, nominal)
+        followed = self._beside(fit, scored, nominal)
+        if chi2_on(followed.fit, self.train) < chi2_on(fit, self.train):
+            return followed
+        return min(followed, self._beside(fit, scored, fit.nominal), key=lambda f: chi2_on(f.fit, self.train))
 
     def _beside(self, fit: Refitted, scored: Scored, nominal: np.ndarray) -> Finalist:
         """A hypothesis refitted beside the effects of a fit, with the nominal numbers held there."""

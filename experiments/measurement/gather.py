@@ -11,7 +11,6 @@ from experiments.measurement.body_evidence import body_evidence
 from experiments.measurement.drive_evidence import drive_evidence
 from experiments.measurement.drive_log import drive_log, has_drives
 from experiments.measurement.drive_of_bench import drive_of
-from experiments.measurement.drive_ripple import ripple_lines
 from experiments.measurement.evidence import BLOCK, Evidence
 from experiments.measurement.joint_evidence import JointEvidence, joint_evidence
 from experiments.measurement.load_evidence import load_evidence
@@ -74,7 +73,4 @@ def _elastic_joint(log: Log, model: Model, effects: Mapping[str, Effect], noise:
 def _evidence(log: Log, model: Model, atoms: Atoms, drive, body) -> Evidence:
     blocks = max(int(log.rows * log.sample_period / BLOCK), 1)
     x = atoms.placed(atoms.off(), model.effects)
-    seeds = {}
-    if drive is not None and "torque_ripple" in {effect.name for effect in atoms.effects}:
-        seeds = {"torque_ripple": tuple({"harmonic": harmonic} for harmonic in ripple_lines(drive, x))}
-    return Evidence(log.name, atoms, drive, body, blocks, log.sample_period, x, seeds)
+    return Evidence(log.name, atoms, drive, body, blocks, log.sample_period, x)

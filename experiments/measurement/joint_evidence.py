@@ -81,7 +81,6 @@ class JointEvidence:
     floor: float
     blocks: int
     known: Remembered = field(default_factory=Remembered)
-    seeds: Seeds = field(default_factory=dict)  # none beyond those of its effects
     drive: None = field(default=None)
     body: None = field(default=None)
     standing: bool = field(default=False)
@@ -89,6 +88,10 @@ class JointEvidence:
     def start(self) -> Point:
         """Where every fit begins: the model's own effects."""
         return Point(self.model_x, np.zeros(1), np.zeros(0))
+
+    def seeds_at(self, point: Point) -> Seeds:
+        """None beyond those of its effects, which know its lines."""
+        return {}
 
     def predict(self, points: list[Point]) -> np.ndarray:
         """Unfiltered residual effort (H, T) in its unit."""

@@ -77,7 +77,7 @@ def _starts(evidence: Sequence[Evidence], wanted: Sequence[tuple[str, str]]) -> 
     """Start values: what the linear score suggests for each effect at its place."""
     clock = timing(evidence[0].atoms.effects)
     empty = refit(evidence, (), clock, iterations=2)
-    changes, variants = changes_of(evidence[0].atoms.effects, evidence)
+    changes, variants = changes_of(evidence[0].atoms.effects, evidence, empty.points)
     ranking = score(evidence, empty, clock, changes, variants)
     return [next(Placed(n, w, s.values) for s in ranking if (s.effect.name, s.where) == (n, w)) for n, w in wanted]
 

@@ -84,8 +84,6 @@ def select(
     is the ladder's first rung, where it is known from another selection with the same nominal numbers; `start` a fit
     without effects that is near it.
     """
-    effects = logs[0].atoms.effects
-    changes, variants = changes_of(effects, logs)
     train, test = halves(logs)
     if begun is None:
         fit = refit(logs, (), nominal, start)
@@ -94,6 +92,7 @@ def select(
     while len(selection.fit.effects) < most and excess(logs, selection.fit) > least:
         if selection.fit.effects and not _more(logs, selection):
             break
+        changes, variants = changes_of(logs[0].atoms.effects, logs, selection.fit.points)
         say(f"scoring {len(variants)} hypotheses at every place")
         before = selection.ladder[-1].proof
         products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
