@@ -32,11 +32,13 @@ class Finalist(NamedTuple):
     held_out: float
 
 
-def told_from_none(effect: Effect, fit: Refitted) -> bool:
-    """Whether a fit tells its last effect from none: not where the 95 % region of its strengths holds zero, nor where
+def told_from_none(effect: Effect, fit: Refitted, k: int = -1) -> bool:
+    """Whether a fit tells its k-th effect from none: not where the 95 % region of its strengths holds zero, nor where
     the interval of a shape does without which there is no effect (a speed, a width)."""
-    values = fit.effects[-1].parameters
-    covariance = fit.covariance[-len(values) :, -len(values) :]
+    values = fit.effects[k].parameters
+    first = sum(len(placed.parameters) for placed in fit.effects[: k % len(fit.effects)])
+    its = slice(first, first + len(values))
+    covariance = fit.covariance[its, its]
     spread = dict(zip(values, np.sqrt(np.maximum(np.diag(covariance), 0.0)), strict=True))
     shapes = [p.name for p in effect.parameters if p.role == "shape" and p.low > 0]
     if any(abs(values[name]) <= COVERAGE * spread[name] for name in shapes):
@@ -86,6 +88,11 @@ def plain(effect: Effect, where: str, before: Refitted, after: float, logs: Sequ
     """
     gain = chi2_on(before, test) - after
     return gain > max(noise_at(effect, where, logs, test), MOST * left_at(effect, where, logs, before, test))
+
+
+def loud(effect: Effect, where: str, before: Refitted, logs: Sequence[Evidence], test) -> bool:
+    """Whether as much is left where an effect acts as its noise."""
+    return left_at(effect, where, logs, before, test) > noise_at(effect, where, logs, test)
 
 
 def proven(effect: Effect, where: str, before: Refitted, after: float, logs: Sequence[Evidence], test) -> bool:

@@ -8,18 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from experiments.measurement.belief import (
-    LEAST_GAIN,
-    Finalist,
-    all_blocks,
-    chi2_on,
-    halves,
-    plain,
-    proven,
-    simplest,
-    told_from_none,
-    weight_of,
-)
+from experiments.measurement.belief import LEAST_GAIN, all_blocks, chi2_on, halves, proven, told_from_none, weight_of
+from experiments.measurement.choice import Judge, Refuted
 from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
@@ -44,14 +34,6 @@ class Rung(NamedTuple):
     proof: Refitted
 
 
-class Refuted(NamedTuple):
-    """An effect that explains some of the logs and, learned there, makes another one worse."""
-
-    effect: str
-    where: str
-    log: str
-
-
 @dataclass
 class Selection:
     """What was selected, and all that was considered on the way."""
@@ -66,6 +48,7 @@ class Selection:
     ties: list[list[tuple[str, str]]] = field(default_factory=list)
     winners: list[Refitted] = field(default_factory=list)
     rivals: list[list[Refitted]] = field(default_factory=list)  # of each winner, fitted as well as it
+    sure: list[bool] = field(default_factory=list)  # of each winner, when it was chosen
 
 
 def select(
@@ -105,22 +88,25 @@ def select(
         round_ = Round(logs, nominal, changes, products, train, test, say)
         finalists = round_.refitted(selection.fit, ranking)
         selection.refitted.append({(f.scored.effect.name, f.scored.where): f.held_out for f in finalists})
-        chosen = _chosen(finalists, before, logs, test, selection)
+        judge = Judge(logs, before, test, selection.elsewhere, selection.refuted)
+        chosen = judge.choice(finalists)
         if chosen is None:  # what nothing explains at some joints must not hide an effect at others
             others = at_other_joints(ranking, logs[0].atoms.joint_names)
             if not stands_out(others, logs):
                 break
-            chosen = _chosen(round_.refitted(selection.fit, others), before, logs, test, selection)
+            chosen = judge.choice(round_.refitted(selection.fit, others))
             if chosen is None:
                 break
-        winner, rivals = chosen
+        winner, rivals, sure = chosen
         full = refit(logs, winner.fit.effects, nominal, winner.fit)
         selection.ties.append([(f.scored.effect.name, f.scored.where) for f in rivals])
         selection.winners.append(winner.fit)
         selection.rivals.append([f.fit for f in rivals])
+        selection.sure.append(sure)
         selection.fit = full
         selection.ladder.append(Rung(f"+ {winner.scored.effect.name}@{winner.scored.where}", full, winner.fit))
         _pruned(selection, logs, train, test)
+    _without_unsure(selection)
     return selection
 
 
@@ -140,29 +126,6 @@ def stands_out(ranking: Sequence[Scored], logs: Sequence[Evidence]) -> bool:
     return False
 
 
-def _chosen(
-    finalists: list[Finalist], before: Refitted, logs: Sequence[Evidence], test, selection: Selection
-) -> tuple[Finalist, list[Finalist]] | None:
-    """The winner and its rivals: proven on held-out blocks and, of several logs, not refuted by one left out whole.
-
-    One that explains more of the whole robot's noise than the winner, but too little of its own parts', is no rival.
-    """
-    asked = lambda f: (f.scored.effect, f.scored.where, before, f.held_out, logs, test)  # noqa: E731
-    finalists = [f for f in finalists if told_from_none(f.scored.effect, f.fit) or plain(*asked(f))]
-    there = [proven(*asked(f)) for f in finalists]
-    if not any(there):
-        return None
-    finalists = finalists[there.index(True) :]
-    winner, rivals = simplest(finalists, chi2_on(before, test), weight_of(logs, test), logs[0].atoms.joint_names)
-    close = [winner, *rivals]
-    for one in close:
-        log = selection.elsewhere.refutes(one.fit.effects, one.fit)
-        if log is None:
-            return one, [other for other in close if other is not one]
-        selection.refuted.append(Refuted(one.scored.effect.name, one.scored.where, log))
-    return None
-
-
 def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None:
     """Take out, the last one apart, each effect that the later ones have made needless."""
     known = {effect.name: effect for effect in logs[0].atoms.effects}
@@ -173,7 +136,7 @@ def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None
         after = chi2_on(selection.ladder[-1].proof, test)
         if proven(known[placed.effect], placed.where, without, after, logs, test):
             continue
-        for one in (selection.ties, selection.winners, selection.rivals):
+        for one in (selection.ties, selection.winners, selection.rivals, selection.sure):
             del one[k]
         rungs = selection.ladder[: k + 1]
         for i in range(k + 1, len(others) + 1):
@@ -181,3 +144,15 @@ def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None
             proof = refit(logs, full.effects, selection.nominal, full, train, SHORT_FIT)
             rungs.append(Rung(f"+ {others[i - 1].effect}@{others[i - 1].where}", full, proof))
         selection.ladder, selection.fit = rungs, rungs[-1].fit
+
+
+def _without_unsure(selection: Selection) -> None:
+    """Take back, with all after it, an effect that no later one has helped to tell from none."""
+    effects = {effect.name: effect for effect in selection.elsewhere.logs[0].atoms.effects}
+    for k, (placed, sure) in enumerate(zip(selection.fit.effects, selection.sure, strict=True)):
+        if not sure and not told_from_none(effects[placed.effect], selection.fit, k):
+            for one in (selection.ties, selection.winners, selection.rivals, selection.sure):
+                del one[k:]
+            del selection.ladder[k + 1 :]
+            selection.fit = selection.ladder[-1].fit
+            return

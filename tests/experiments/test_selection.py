@@ -7,12 +7,13 @@ import pytest
 
 from experiments.effects import LIBRARY
 from experiments.measurement import verdict as verdicts
-from experiments.measurement.belief import Finalist, plain, simplest, told_from_none
+from experiments.measurement.belief import Finalist, loud, plain, simplest, told_from_none
+from experiments.measurement.choice import Judge
 from experiments.measurement.finalists import Round, at_other_joints
 from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.linear_score import Scored
 from experiments.measurement.misfit import _enough
-from experiments.measurement.selection import stands_out
+from experiments.measurement.selection import Rung, Selection, _without_unsure, stands_out
 from mjx_starleth.names import JOINT_NAMES
 
 NOISE, BEFORE = 1000.0, 9000.0  # chi^2 of noise alone, and without any effect
@@ -101,16 +102,56 @@ def test_what_nothing_explains_at_some_joints_does_not_hide_the_others() -> None
     assert at_other_joints([load, *ranking], JOINT_NAMES) == []
 
 
-@pytest.mark.parametrize(("where", "after", "believed"), [("LF_HFE", 5000.0, True), ("LF_HFE", 7900.0, False)])
-def test_an_effect_that_explains_most_of_its_joints_misfit_needs_no_interval(where, after, believed) -> None:
+def one_loud_joint() -> tuple[SimpleNamespace, Refitted]:
+    """A log whose 300 residuals at LF_HFE are 4500 above their noise together, and its fit without an effect."""
     residual = np.ones((1, 100, 12, 3))
-    residual[:, :, JOINT_NAMES.index("LF_HFE")] = 4.0  # 300 residuals that are 4500 above noise together
+    residual[:, :, JOINT_NAMES.index("LF_HFE")] = 4.0
     log = SimpleNamespace(blocks=1, body=None, atoms=SimpleNamespace(joint_names=JOINT_NAMES))
     log.drive = SimpleNamespace(used=np.ones((100, 12, 3)))
     log.block_of_drive = lambda: np.zeros(100, int)
     log.drive_residual = lambda points: residual
-    before = Refitted((), np.zeros(0), np.zeros(0), (None,), (np.array([8100.0]),), np.zeros((0, 0)))
+    log.weight = lambda: np.array([3600.0])
+    return log, Refitted((), np.zeros(0), np.zeros(0), (None,), (np.array([8100.0]),), np.zeros((0, 0)))
+
+
+@pytest.mark.parametrize(("where", "after", "believed"), [("LF_HFE", 5000.0, True), ("LF_HFE", 7900.0, False)])
+def test_an_effect_that_explains_most_of_its_joints_misfit_needs_no_interval(where, after, believed) -> None:
+    log, before = one_loud_joint()
     assert plain(LIBRARY["backlash"], where, before, after, [log], [np.ones(1, bool)]) == believed
+
+
+@pytest.mark.parametrize(
+    ("where", "spread", "after", "chosen"),
+    [
+        ("LF_HFE", 0.001, 6900.0, (True,)),  # told from none
+        ("LF_HFE", 0.02, 6900.0, (False,)),  # blurred by what is left there, to be told later
+        ("LF_HFE", 0.02, 7900.0, ()),  # explains too little of it
+        ("all", 0.02, 6900.0, (False,)),
+        ("RH", 0.02, 7300.0, ()),  # nothing is left there
+    ],
+)
+def test_an_effect_may_wait_to_be_told_from_none_where_much_is_left(where, spread, after, chosen) -> None:
+    log, before = one_loud_joint()
+    assert loud(LIBRARY["backlash"], where, before, [log], [np.ones(1, bool)]) == (where != "RH")
+    effects = (Placed("backlash", where, {"half_width": 0.01}),)
+    fit = Refitted(effects, np.zeros(0), np.zeros(0), (None,), (np.array([after]),), np.array([[spread**2]]))
+    one = Finalist(Scored(LIBRARY["backlash"], where, 0.0, {}, None), fit, after)
+    judge = Judge([log], before, [np.ones(1, bool)], SimpleNamespace(refutes=lambda effects, fit: None), [])
+    choice = judge.choice([one])
+    assert (() if choice is None else (choice.sure,)) == chosen
+
+
+@pytest.mark.parametrize(("spread", "kept"), [((0.001, 0.1), 2), ((0.2, 0.01), 0)])
+def test_an_effect_that_no_later_one_has_helped_to_tell_from_none_is_taken_back(spread, kept) -> None:
+    placed = (Placed("backlash", "HFE", {"half_width": 0.01}), Placed("torque_constant", "all", {"relative": 0.2}))
+    fits = [Refitted(placed[:n], np.zeros(0), np.zeros(0), (), (), np.diag(np.square(spread[:n]))) for n in range(3)]
+    log = SimpleNamespace(atoms=SimpleNamespace(effects=(LIBRARY["backlash"], LIBRARY["torque_constant"])))
+    selection = Selection(fits[2], (), SimpleNamespace(logs=[log]), ladder=[Rung("", fit, fit) for fit in fits])
+    selection.ties, selection.winners, selection.rivals = [[], []], fits[1:], [[], []]
+    selection.sure = [False, True]
+    _without_unsure(selection)
+    assert len(selection.fit.effects) == len(selection.ties) == len(selection.winners) == kept
+    assert len(selection.ladder) == kept + 1
 
 
 def test_feet_that_slide_for_a_few_rows_each_count_together() -> None:
