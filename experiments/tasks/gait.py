@@ -23,6 +23,7 @@ from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
 from experiments.tasks.definition import TaskDefinition, check_weights
 from experiments.tasks.gait_parameters import check_names, controller_from_settings, with_values
+from experiments.torque_sensors import TorqueSensors, known_torque_sensors
 from experiments.trial import Trial
 from mjx_starleth.rotation import rotation_matrix
 
@@ -87,6 +88,7 @@ class GaitTask:
     contact_force: float  # N from which a foot counts as on the ground
     settings: GaitSettings
     weights: dict[str, float]
+    torque_sensors: TorqueSensors | None = None  # where they err in a way that is known
 
     @property
     def settled(self) -> float:
@@ -128,7 +130,9 @@ class GaitTask:
         command = settings.command
         command = command._replace(turning=jnp.where(time >= settings.turn_start, command.turning, 0.0))
         params = self.parameters(settings, values)
-        return locomotion.step(params, settings.geometry, state, robot, command, time, jnp.float32(self.period))
+        period = jnp.float32(self.period)
+        state, targets, info = locomotion.step(params, settings.geometry, state, robot, command, time, period)
+        return state, targets if self.torque_sensors is None else self.torque_sensors.as_read(targets), info
 
     def first_tally(self) -> GaitTally:
         zero = jnp.zeros(())
@@ -270,7 +274,8 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
     )
     period, contact_force = numbers["loops"]["control_period"], numbers["contact"]["contact_flag_force"]
     ticks = round(definition.duration / period)
-    made = GaitTask(task, names, ticks, period, contact_force, settings, definition.weights)
+    sensors = known_torque_sensors(model)
+    made = GaitTask(task, names, ticks, period, contact_force, settings, definition.weights, sensors)
     if definition.duration <= made.settled:
         raise UserError(
             f"Task {task}: {definition.duration:g} s are too short: the gait is judged from {made.settled:g} s on."

@@ -18,6 +18,7 @@ from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
 from experiments.tasks.definition import TaskDefinition, check_weights
+from experiments.torque_sensors import TorqueSensors, known_torque_sensors
 from experiments.trial import Trial
 from mjx_starleth.rotation import rotation_matrix
 from mjx_starleth.terrain import ground_contact
@@ -81,6 +82,7 @@ class SquatJumpTask:
     contact_force: float  # N from which a foot counts as on the ground
     settings: SquatJumpSettings
     weights: dict[str, float]
+    torque_sensors: TorqueSensors | None = None  # where they err in a way that is known
 
     def parameters(self, values: Array) -> SquatJumpParams:
         """The 13 numbers of a value vector (13,)."""
@@ -101,7 +103,8 @@ class SquatJumpTask:
     def control(
         self, settings: SquatJumpSettings, values: Array, state: Any, robot: RobotState, time: Array
     ) -> tuple[Any, JointTargets, Any]:
-        return squat_jump.step(settings, self.parameters(values), state, robot, time)
+        state, targets, info = squat_jump.step(settings, self.parameters(values), state, robot, time)
+        return state, targets if self.torque_sensors is None else self.torque_sensors.as_read(targets), info
 
     def first_tally(self) -> Tally:
         return Tally(*(jnp.zeros(()) for _ in Tally._fields))
@@ -219,4 +222,5 @@ def make_task(definition: TaskDefinition, model: Model) -> SquatJumpTask:
         raise UserError(f"Task {definition.task}: a duration of {definition.duration:g} s is too short for a jump.")
     contact_force = numbers["contact"]["contact_flag_force"]
     ticks = round(definition.duration / period)
-    return SquatJumpTask(definition.task, ticks, period, contact_force, settings, definition.weights)
+    sensors = known_torque_sensors(model)
+    return SquatJumpTask(definition.task, ticks, period, contact_force, settings, definition.weights, sensors)
