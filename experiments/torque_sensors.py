@@ -22,14 +22,17 @@ class TorqueSensors(NamedTuple):
     effects: ActiveEffects
     numbers: EffectNumbers
 
-    def as_read(self, targets: JointTargets) -> JointTargets:
-        """Joint targets whose torques (12,), N m, are what the sensors show of the wanted ones."""
-        nothing = jnp.zeros_like(targets.torque)
-        wanted = JointMeasurement(nothing, nothing, targets.torque, nothing)
-        return targets._replace(torque=self.effects.apply("measurement", self.numbers, wanted).torque)
-
 
 def known_torque_sensors(model: Model) -> TorqueSensors | None:
     """The sensors as the model has learned them; None where it says nothing of them: a rollout then keeps its bits."""
     effects, numbers, _ = activate([placed for placed in model.effects if placed.effect in ERRORS], LIBRARY)
     return TorqueSensors(effects, numbers) if effects.effects else None
+
+
+def as_read(sensors: TorqueSensors | None, targets: JointTargets) -> JointTargets:
+    """Joint targets whose torques (12,), N m, are what the sensors show of the wanted ones."""
+    if sensors is None:
+        return targets
+    nothing = jnp.zeros_like(targets.torque)
+    wanted = JointMeasurement(nothing, nothing, targets.torque, nothing)
+    return targets._replace(torque=sensors.effects.apply("measurement", sensors.numbers, wanted).torque)

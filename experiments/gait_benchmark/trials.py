@@ -4,6 +4,7 @@ What tells two trials apart is data: the controller's numbers, the command, what
 gaits with strides of 0.4 to 1.7 s share a program, and a robot that lies on the ground costs nothing more.
 """
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -18,7 +19,7 @@ from experiments.plant import make_plant
 from experiments.rollout import Rollout
 from experiments.sensing import contact_flags
 from experiments.tasks.definition import TaskDefinition
-from experiments.tasks.gait import GaitSettings, GaitTally, GaitTask, make_task
+from experiments.tasks.gait import GaitSettings, GaitTally, make_task
 from experiments.trial import Trial, noise_table
 
 Array = jax.Array
@@ -90,7 +91,7 @@ class GaitTrials:
         chunk: int = CHUNK,
     ) -> None:
         task = make_task(definition, model)
-        free = GaitTask("any gait", (), SEGMENT, task.period, task.contact_force, task.settings, task.weights)
+        free = replace(task, name="any gait", names=(), ticks=SEGMENT)
         self.rollout = Rollout(make_plant(model, drive), free, make_sensing("estimated", model))
         self.mesh = local_mesh(devices)
         self.chunk = chunk_on(self.mesh, chunk)

@@ -18,6 +18,7 @@ from experiments.rollout import Rollout, Score, Tick
 from experiments.smooth import gait
 from experiments.smooth.laws import WIDTHS, Widths, softplus, step
 from experiments.tasks.gait import CONE_EDGE, GaitTask
+from experiments.torque_sensors import as_read
 from experiments.trial import Trial
 from mjx_starleth.rotation import rotation_matrix
 
@@ -68,7 +69,7 @@ class SmoothGait(GaitTask):
         time, command = time + self.settled, settings.command
         command = command._replace(turning=jnp.where(time >= settings.turn_start, command.turning, 0.0))
         params = self.parameters(settings, values)
-        return gait.control(
+        state, targets, info = gait.control(
             self.widths,
             self.contact_force,
             params,
@@ -79,6 +80,7 @@ class SmoothGait(GaitTask):
             time,
             jnp.float32(self.period),
         )
+        return state, as_read(self.torque_sensors, targets), info
 
     def first_tally(self) -> SmoothGaitTally:
         zero = jnp.zeros(())
@@ -139,6 +141,4 @@ def _size(x: Array, width: float) -> Array:
 def smooth_gait_task(before: Rollout, widths: Widths) -> SmoothGait:
     """The smooth counterpart of a gait's true rollout."""
     task = before.task
-    ticks, period = round(JUDGED_TIME / task.period), task.period
-    settings, weights = task.settings, task.weights
-    return SmoothGait(task.name, task.names, ticks, period, task.contact_force, settings, weights, before, widths)
+    return SmoothGait(**vars(task) | {"ticks": round(JUDGED_TIME / task.period)}, before=before, widths=widths)

@@ -17,6 +17,7 @@ from experiments.rollout import Score, Tick
 from experiments.smooth import squat_jump
 from experiments.smooth.laws import WIDTHS, Widths, softplus, step
 from experiments.tasks.squat_jump import CONE_EDGE, SquatJumpTask, leg_lengths
+from experiments.torque_sensors import as_read
 from experiments.trial import Trial
 
 Array = jax.Array
@@ -53,9 +54,9 @@ class SmoothSquatJump(SquatJumpTask):
     def control(
         self, settings: Any, values: Array, state: Any, robot: RobotState, time: Array
     ) -> tuple[Any, JointTargets, Any]:
-        return squat_jump.control(
-            self.widths, self.contact_force, settings, self.parameters(values), state, robot, time
-        )
+        jump = self.parameters(values)
+        state, targets, info = squat_jump.control(self.widths, self.contact_force, settings, jump, state, robot, time)
+        return state, as_read(self.torque_sensors, targets), info
 
     def first_tally(self) -> SmoothTally:
         return SmoothTally(*(jnp.zeros(()) for _ in SmoothTally._fields))
@@ -105,4 +106,4 @@ def foot_forces(contact_force: Array) -> Array:
 def smooth_jump_task(task: SquatJumpTask, widths: Widths) -> SmoothSquatJump:
     """The smooth counterpart of a squat jump."""
     ticks = min(task.ticks, round(HORIZON / task.period))
-    return SmoothSquatJump(task.name, ticks, task.period, task.contact_force, task.settings, task.weights, widths)
+    return SmoothSquatJump(**vars(task) | {"ticks": ticks}, widths=widths)

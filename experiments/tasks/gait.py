@@ -1,6 +1,6 @@
 """Periodic gaits as tasks (V.C.3): walk, trot, bound and pronk in the closed loop, with the paper's cost terms."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
@@ -23,7 +23,7 @@ from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
 from experiments.tasks.definition import TaskDefinition, check_weights
 from experiments.tasks.gait_parameters import check_names, controller_from_settings, with_values
-from experiments.torque_sensors import TorqueSensors, known_torque_sensors
+from experiments.torque_sensors import TorqueSensors, as_read, known_torque_sensors
 from experiments.trial import Trial
 from mjx_starleth.rotation import rotation_matrix
 
@@ -88,7 +88,7 @@ class GaitTask:
     contact_force: float  # N from which a foot counts as on the ground
     settings: GaitSettings
     weights: dict[str, float]
-    torque_sensors: TorqueSensors | None = None  # where they err in a way that is known
+    torque_sensors: TorqueSensors | None = field(default=None, kw_only=True)  # where they err in a known way
 
     @property
     def settled(self) -> float:
@@ -132,7 +132,7 @@ class GaitTask:
         params = self.parameters(settings, values)
         period = jnp.float32(self.period)
         state, targets, info = locomotion.step(params, settings.geometry, state, robot, command, time, period)
-        return state, targets if self.torque_sensors is None else self.torque_sensors.as_read(targets), info
+        return state, as_read(self.torque_sensors, targets), info
 
     def first_tally(self) -> GaitTally:
         zero = jnp.zeros(())
@@ -275,7 +275,8 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
     period, contact_force = numbers["loops"]["control_period"], numbers["contact"]["contact_flag_force"]
     ticks = round(definition.duration / period)
     sensors = known_torque_sensors(model)
-    made = GaitTask(task, names, ticks, period, contact_force, settings, definition.weights, sensors)
+    weights = definition.weights
+    made = GaitTask(task, names, ticks, period, contact_force, settings, weights, torque_sensors=sensors)
     if definition.duration <= made.settled:
         raise UserError(
             f"Task {task}: {definition.duration:g} s are too short: the gait is judged from {made.settled:g} s on."

@@ -1,6 +1,6 @@
 """The squat jump as a task: the controller of V.C.2 in the closed loop, and the cost terms that the paper names."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import jax
@@ -18,7 +18,7 @@ from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
 from experiments.tasks.definition import TaskDefinition, check_weights
-from experiments.torque_sensors import TorqueSensors, known_torque_sensors
+from experiments.torque_sensors import TorqueSensors, as_read, known_torque_sensors
 from experiments.trial import Trial
 from mjx_starleth.rotation import rotation_matrix
 from mjx_starleth.terrain import ground_contact
@@ -82,7 +82,7 @@ class SquatJumpTask:
     contact_force: float  # N from which a foot counts as on the ground
     settings: SquatJumpSettings
     weights: dict[str, float]
-    torque_sensors: TorqueSensors | None = None  # where they err in a way that is known
+    torque_sensors: TorqueSensors | None = field(default=None, kw_only=True)  # where they err in a known way
 
     def parameters(self, values: Array) -> SquatJumpParams:
         """The 13 numbers of a value vector (13,)."""
@@ -104,7 +104,7 @@ class SquatJumpTask:
         self, settings: SquatJumpSettings, values: Array, state: Any, robot: RobotState, time: Array
     ) -> tuple[Any, JointTargets, Any]:
         state, targets, info = squat_jump.step(settings, self.parameters(values), state, robot, time)
-        return state, targets if self.torque_sensors is None else self.torque_sensors.as_read(targets), info
+        return state, as_read(self.torque_sensors, targets), info
 
     def first_tally(self) -> Tally:
         return Tally(*(jnp.zeros(()) for _ in Tally._fields))
@@ -223,4 +223,5 @@ def make_task(definition: TaskDefinition, model: Model) -> SquatJumpTask:
     contact_force = numbers["contact"]["contact_flag_force"]
     ticks = round(definition.duration / period)
     sensors = known_torque_sensors(model)
-    return SquatJumpTask(definition.task, ticks, period, contact_force, settings, definition.weights, sensors)
+    task, weights = definition.task, definition.weights
+    return SquatJumpTask(task, ticks, period, contact_force, settings, weights, torque_sensors=sensors)

@@ -9,7 +9,7 @@ from experiments.model import FittedValue, Model, PlacedEffect, nominal_model
 from experiments.plant import make_plant
 from experiments.tasks.definition import load_task
 from experiments.tasks.registry import make_task
-from experiments.torque_sensors import known_torque_sensors
+from experiments.torque_sensors import as_read, known_torque_sensors
 from mjx_starleth.names import JOINT_NAMES
 
 WANTED = np.linspace(-20.0, 20.0, 12).astype(np.float32)
@@ -27,7 +27,7 @@ def misled() -> Model:
 
 def test_it_asks_for_what_the_sensors_show_of_the_wanted_torques() -> None:
     still = jnp.zeros(12)
-    asked = known_torque_sensors(misled()).as_read(JointTargets(jnp.asarray(WANTED), still, still))
+    asked = as_read(known_torque_sensors(misled()), JointTargets(jnp.asarray(WANTED), still, still))
     shown = 1.15 * WANTED + 2.0 * np.array([name.endswith("KFE") for name in JOINT_NAMES])
     np.testing.assert_allclose(asked.torque, shown, rtol=1e-6)
     assert not np.any(asked.position) and not np.any(asked.position_mode)
@@ -38,7 +38,7 @@ def test_the_plants_sensors_show_what_was_asked_for_at_the_wanted_torques() -> N
     params = plant.prepare(plant.params)
     aloft = jnp.concatenate([jnp.asarray([0.0, 0.0, 0.6, 1.0, 0.0, 0.0, 0.0]), jnp.zeros(12)])
     _, shown = plant.measure(params, plant.initial_state(params, aloft, jnp.asarray(WANTED)))
-    asked = known_torque_sensors(misled()).as_read(JointTargets(jnp.asarray(WANTED), still, still))
+    asked = as_read(known_torque_sensors(misled()), JointTargets(jnp.asarray(WANTED), still, still))
     np.testing.assert_allclose(asked.torque, shown.torque, rtol=1e-6)
 
 
