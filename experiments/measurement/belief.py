@@ -17,6 +17,7 @@ LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypot
 LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
 LEAST_STEP = 0.2  # of what is left over the noise where an effect acts: one that takes less is not what is missing
 TIE = 0.25  # of what the winner leaves over the noise, or takes away: a rival that is closer cannot be told from it
+SLIGHT = 0.05  # of what the best explains: a simpler one that explains the log to the noise may explain so much less
 MOST = 0.5  # of what is left where an effect acts
 NOTHING = 4.0  # of chi^2, by which joints differ that do not feel an effect
 COVERAGE, CONFIDENCE = 1.96, 0.95  # standard deviations to each side that an interval reaches, and what it holds
@@ -70,7 +71,7 @@ def simplest(
     best = finalists[0].held_out
     reach = max(TIE * min(best - noise, before - best), LEAST_GAIN)
     # nothing is better than noise; but a weak effect is little beside what the noise may be wrong by in all channels
-    enough = max(best + reach, min(noise, best + TIE * (before - best)))
+    enough = max(best + reach, min(noise, best + SLIGHT * (before - best)))
     close = [f for f in finalists if f.held_out <= enough]
     fewest = min(len(f.scored.effect.parameters) for f in close)
     simple = [f for f in close if len(f.scored.effect.parameters) == fewest]
