@@ -13,6 +13,7 @@ from experiments.measurement.fit_types import Refitted
 from experiments.measurement.footprint import left_at, noise_at
 from experiments.measurement.linear_score import Scored
 
+CLEAR_GAIN = 300.0  # linear score that makes an effect worth a try
 LEAST_GAIN = 40.0  # of chi^2 on held-out blocks: a chance of 1e-8 for one hypothesis, and there are a thousand
 LEAST_SHARE = 0.01  # of the affected channels' noise variance: below this a model of a real robot is right
 LEAST_STEP = 0.2  # of what is left over the noise where an effect acts: one that takes less is not what is missing

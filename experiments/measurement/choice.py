@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.measurement.belief import (
+    CLEAR_GAIN,
+    MOST,
     Finalist,
     chi2_on,
     loud,
@@ -18,6 +20,9 @@ from experiments.measurement.belief import (
 from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.fit_types import Refitted
+from experiments.measurement.footprint import left_at
+
+RIVAL = 0.2  # of an effect's linear score: others that have less do not explain the same
 
 
 class Refuted(NamedTuple):
@@ -50,12 +55,26 @@ class Judge(NamedTuple):
 
         Where so much is left that all intervals are wide, an effect may wait for a later one to tell it from none.
         """
-        told = [f for f in finalists if told_from_none(f.scored.effect, f.fit) or plain(*self._asked(f))]
+        told = [f for f in finalists if self._told(f, finalists)]
         chosen = self._simplest(told, sure=True)
         if chosen is not None:
             return chosen
         blurred = [f for f in finalists if loud(f.scored.effect, f.scored.where, self.before, self.logs, self.test)]
         return self._simplest(blurred, sure=False)
+
+    def _told(self, f: Finalist, finalists: Sequence[Finalist]) -> bool:
+        return told_from_none(f.scored.effect, f.fit) or plain(*self._asked(f)) or self._alone(f, finalists)
+
+    def _alone(self, f: Finalist, finalists: Sequence[Finalist]) -> bool:
+        """Whether an effect explains most of what is left where it acts, and no other one comes near its score.
+
+        Few rows tell of a ground's slope or friction: nominal numbers that such rows also move widen its interval.
+        """
+        others = [g.scored.gain for g in finalists if g.scored.effect is not f.scored.effect]
+        if f.scored.gain < max(CLEAR_GAIN, max(others, default=0.0) / RIVAL):
+            return False
+        left = left_at(f.scored.effect, f.scored.where, self.logs, self.before, self.test)
+        return chi2_on(self.before, self.test) - f.held_out > MOST * left
 
     def _asked(self, f: Finalist) -> tuple:
         return f.scored.effect, f.scored.where, self.before, f.held_out, self.logs, self.test

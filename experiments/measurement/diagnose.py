@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from experiments.effects.effect import Effect
-from experiments.measurement.belief import LEAST_STEP
+from experiments.measurement.belief import LEAST_GAIN, LEAST_STEP
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.fit_types import Placed
 from experiments.measurement.gather import gather
@@ -96,8 +96,10 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     free = refit(evidence, (), freedom)
     freedom = as_far_as_others(freedom, free)
     numbers = select(evidence, freedom, say, most=0, start=free)
-    # numbers that had to go as far as they may do not explain a log well, however little is left
-    least = NOISE if at_end(freedom, numbers.fit) else WELL_EXPLAINED
+    # numbers that had to go as far as they may do not explain a log well, however little is left; nor where one part
+    # of the plant stays above its floor
+    ill = at_end(freedom, numbers.fit) or above_floor(evidence, numbers.fit) > LEAST_GAIN
+    least = NOISE if ill else WELL_EXPLAINED
     freed = select(evidence, freedom, say, least=least, begun=numbers.ladder[0])
     return freed if _better(evidence, freed, strict) else strict
 

@@ -8,7 +8,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from experiments.measurement.belief import LEAST_GAIN, all_blocks, chi2_on, halves, proven, told_from_none, weight_of
+from experiments.measurement.belief import (
+    CLEAR_GAIN,
+    LEAST_GAIN,
+    all_blocks,
+    chi2_on,
+    halves,
+    proven,
+    told_from_none,
+    weight_of,
+)
 from experiments.measurement.choice import Judge, Refuted
 from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.evidence import Evidence
@@ -21,7 +30,7 @@ from experiments.measurement.misfit import above_floor, excess
 from experiments.measurement.refit import refit
 
 MOST_EFFECTS = 6
-CLEAR_GAIN, CLEAR_SHARE = 300.0, 0.03  # linear score, and of the noise where it acts, that make an effect worth a try
+CLEAR_SHARE = 0.03  # of the noise where it acts, that a score has to be for an effect to be worth a try
 LEAST_REST = 0.005  # of noise's own chi^2, above the floor: a smaller rest is no effect
 NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
 
