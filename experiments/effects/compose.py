@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.effects.effect import Effect
+from experiments.effects.effect import ONE_PLACE, Effect
 from experiments.effects.places import mask
 from mjx_starleth.names import JOINT_NAMES
 from sea_jax import DriveHooks
@@ -124,5 +124,5 @@ def _spread(effect: Effect, items: Sequence[Any], joint_names: Sequence[str]) ->
         array = np.full(reach[0].shape, parameter.off, np.float32)
         for item, here in zip(items, reach, strict=True):
             array[here] = item.values().get(parameter.name, parameter.off)
-        found[parameter.name] = jnp.asarray(array[0] if effect.axis == "torso" else array)
+        found[parameter.name] = jnp.asarray(array[0] if effect.axis in ONE_PLACE else array)
     return found

@@ -10,7 +10,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal
 
-Axis = Literal["joint", "link", "foot", "torso"]
+Axis = Literal["joint", "link", "foot", "torso", "ground"]
+ONE_PLACE = frozenset({"torso", "ground"})  # axes along which an effect's parameters are scalars
 Part = Literal["drive", "bodies", "contact", "sensors"]
 
 HOOKS: Mapping[str, str] = MappingProxyType(

@@ -44,7 +44,7 @@ EFFECTS = (
         "ground_slope",
         "the ground is tilted",
         "contact",
-        "torso",
+        "ground",
         (Parameter("x", "m/m", -0.6, 0.6, 0.05), Parameter("y", "m/m", -0.6, 0.6, 0.05)),
         {"body_parameters": tilt},
     ),

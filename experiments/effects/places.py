@@ -10,6 +10,8 @@ def places_of(axis: Axis, joint_names: tuple[str, ...] = JOINT_NAMES) -> tuple[s
     """Every place name that an effect on this axis can have, widest first."""
     if axis == "torso":
         return ("torso",)
+    if axis == "ground":  # known by the feet that stand on it
+        return ("feet",)
     if axis == "foot":
         return ("feet", *LEGS)
     if joint_names == JOINT_NAMES:
@@ -18,11 +20,11 @@ def places_of(axis: Axis, joint_names: tuple[str, ...] = JOINT_NAMES) -> tuple[s
 
 
 def mask(where: str, axis: Axis, joint_names: tuple[str, ...] = JOINT_NAMES) -> np.ndarray:
-    """1.0 where the effect acts: (joints,) for joint and link, (4,) for foot, (1,) for torso.
+    """1.0 where the effect acts: (joints,) for joint and link, (4,) for foot, (1,) for torso and ground.
 
     Raises ValueError if the place does not exist on this axis.
     """
-    if axis == "torso" and where in ("torso", "all"):
+    if (axis, where) in (("torso", "torso"), ("torso", "all"), ("ground", "feet"), ("ground", "all")):
         return np.ones(1, np.float32)
     if axis == "foot" and where in ("feet", "all", *LEGS):
         return np.array([where in ("feet", "all", leg) for leg in LEGS], np.float32)

@@ -13,10 +13,10 @@ import jax
 import numpy as np
 
 from experiments.effects.compose import ActiveEffects, EffectNumbers
-from experiments.effects.effect import Effect, Parameter
+from experiments.effects.effect import ONE_PLACE, Effect, Parameter
 from experiments.effects.places import mask, places_of
 
-AXIS_SIZE = {"link": 12, "foot": 4, "torso": 1}
+AXIS_SIZE = {"link": 12, "foot": 4, "torso": 1, "ground": 1}
 
 
 class Column(NamedTuple):
@@ -67,7 +67,7 @@ class Atoms:
         of_effect = {effect.name: {} for effect in self.effects}
         for c in self.columns:
             values = x[c.start : c.start + c.size]
-            of_effect[c.effect.name][c.parameter.name] = values[0] if c.effect.axis == "torso" else values
+            of_effect[c.effect.name][c.parameter.name] = values[0] if c.effect.axis in ONE_PLACE else values
         return tuple(of_effect[effect.name] for effect in self.effects)
 
     def active(self) -> ActiveEffects:

@@ -27,7 +27,7 @@ def parse_place(text: str, library: Mapping[str, Effect], joint_names: Sequence[
     """`backlash@LH_KFE` as (effect, place); the widest place where none is given. Raises UserError."""
     name, _, where = text.partition("@")
     effect = find_effect(name, dict(library))
-    where = where or {"torso": "torso", "foot": "feet"}.get(effect.axis, "all")
+    where = where or {"torso": "torso", "foot": "feet", "ground": "feet"}.get(effect.axis, "all")
     if where == "all" and len(joint_names) == 1:
         where = joint_names[0]
     try:

@@ -121,6 +121,7 @@ def test_places() -> None:
     assert mask("KFE", "joint").tolist() == [0, 0, 1] * 4
     assert mask("LH", "link").tolist() == [0] * 6 + [1] * 3 + [0] * 3
     assert mask("feet", "foot").sum() == 4
+    assert mask("feet", "ground").tolist() == [1] and places_of("ground") == ("feet",)
     with pytest.raises(ValueError, match="no place 'tail'"):
         mask("tail", "joint")
 
