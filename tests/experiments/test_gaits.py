@@ -40,6 +40,7 @@ FOUND = resources.files("experiments") / "examples"
 CONTACT = 10.0  # N
 SEEDS, CYCLES = 100, 20
 UNSEEN = 20_000  # seed of trials that no search has seen: searches use the task's seed and the stream of its judge
+LEAST_FLIGHT = {"running_trot": 0.1}  # s, each of two a stride; the paper's has about 0.12
 
 
 @pytest.mark.parametrize("name", GAITS)
@@ -258,5 +259,7 @@ def test_found_gait_goes_as_fast_in_mujoco_c(name: str) -> None:
     for engine in ("moreau", "mujoco_c"):
         score, _ = replay(motion.values, definition, MODEL, "full", engine, LIBRARY)
         assert score.metrics["survived"] == 1.0, engine
+        flight = float(score.metrics["flight_fraction"]) * motion.file.values()["cycle_duration"] / 2.0
+        assert flight >= LEAST_FLIGHT.get(name, 0.0), engine
         speeds.append(float(score.metrics["heading_speed"]))
     assert speeds[1] == pytest.approx(speeds[0], rel=0.1)
