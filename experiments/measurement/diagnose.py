@@ -15,7 +15,7 @@ from experiments.measurement.log import Log
 from experiments.measurement.misfit import Misfit, above_floor, excess, misfit
 from experiments.measurement.next_experiment import NextExperiment, next_experiment
 from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom, timing
+from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom, timing, unmodelled
 from experiments.measurement.refit import refit
 from experiments.measurement.selection import NOISE, Selection, select
 from experiments.measurement.verdict import (
@@ -74,22 +74,23 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     """With the nominal numbers as they stand if that explains the logs, else with numbers that may be a little off.
 
     A log that slightly different numbers explain lacks no effect, and one that a single effect explains with the
-    nominal numbers needs no others.
+    nominal numbers needs no others. What no model has and every robot does is free from the start.
     """
-    clock = timing(evidence[0].atoms.effects)
-    strict = select(evidence, clock, say, most=0)
+    standing = any(log.standing for log in evidence)
+    freedom = nominal_freedom(model, evidence[0].atoms.effects, standing)
+    given = (*timing(evidence[0].atoms.effects), *unmodelled(freedom))
+    strict = select(evidence, given, say, most=0)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
         if above_floor(evidence, strict.fit) <= 0:
             return strict
-        return select(evidence, clock, say, 1, promising=LEAST_STEP, begun=strict.ladder[0])
-    standing = any(log.standing for log in evidence)
-    freedom = (*clock, *nominal_freedom(model, evidence[0].atoms.effects, standing))
+        return select(evidence, given, say, 1, promising=LEAST_STEP, begun=strict.ladder[0])
+    freedom = (*given, *(n for n in freedom if n not in given))
     if all(isinstance(log, JointEvidence) for log in evidence):  # where a gain is all of the numbers in one
         numbers = select(evidence, freedom, say, most=0)
         if excess(evidence, numbers.fit) <= WELL_EXPLAINED:
             return numbers
     promising = PROMISING if len(evidence) == 1 else 0.0  # what explains one of several logs has to be refuted
-    strict = select(evidence, clock, say, 1, promising=promising, begun=strict.ladder[0])
+    strict = select(evidence, given, say, 1, promising=promising, begun=strict.ladder[0])
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
         return strict
     say("trying again with nominal numbers that may be a little off")

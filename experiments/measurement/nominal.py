@@ -12,6 +12,7 @@ from experiments.measurement.fit_variables import FARTHEST
 from experiments.model import JointNumbers, Model
 from mjx_starleth.numbers import RobotNumbers, load_numbers
 
+BEARINGS = "joint_coulomb_drag"
 WIDE = 0.06  # relative standard deviation of the numbers of a robot that is not quite its data sheet
 PHASE = 2.5e-4  # s: the velocity loops may run at any time within their 0.5 ms
 HALF_STEP = 5e-5  # s, of the motor: by which the steps of two plants may differ
@@ -65,6 +66,11 @@ def nominal_freedom(model: Model, effects: Sequence[Effect], standing: bool) -> 
     return tuple(n for n in _freedom(model, standing) if n.effect in known)
 
 
+def unmodelled(freedom: Sequence[Nominal]) -> tuple[Nominal, ...]:
+    """The numbers of a freedom that no robot's model has and every robot does: the friction of loaded bearings."""
+    return tuple(n for n in freedom if n.effect == BEARINGS)
+
+
 def _freedom(model: Model, standing: bool) -> tuple[Nominal, ...]:
     """Nominal numbers that may be off, each robot-wide or by kind of joint, as its numbers are given."""
     if model.joint is not None:
@@ -72,7 +78,7 @@ def _freedom(model: Model, standing: bool) -> tuple[Nominal, ...]:
     numbers, kinds = model.numbers, ("HAA", "HFE", "KFE")
     payload = Nominal("payload", "torso", "mass", WIDE * numbers.bodies.torso.mass)
     links = [Nominal(name, kind, "relative", WIDE) for name in ("link_mass", LINK_COM.name) for kind in kinds]
-    bearings = [Nominal("joint_coulomb_drag", kind, "torque", _bearing_friction(numbers)) for kind in kinds if standing]
+    bearings = [Nominal(BEARINGS, kind, "torque", _bearing_friction(numbers)) for kind in kinds if standing]
     ground = [Nominal("ground_friction", "feet", "relative", WIDE)] if standing else []
     return (*_drive_freedom(numbers, {kind: kind for kind in kinds}), payload, *links, *bearings, *ground)
 

@@ -6,7 +6,7 @@ import pytest
 from experiments.effects import LIBRARY
 from experiments.measurement.fit_types import Nominal, Refitted
 from experiments.measurement.fit_variables import FARTHEST
-from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom
+from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom, unmodelled
 from experiments.model import nominal_model
 
 NUMBERS = nominal_freedom(nominal_model(), tuple(LIBRARY.values()), standing=False)
@@ -42,3 +42,11 @@ def test_a_robot_that_is_off_everywhere_keeps_its_freedom() -> None:
 
 def test_numbers_that_the_log_cannot_tell_tell_nothing_of_the_others() -> None:
     assert as_far_as_others(NUMBERS, fit(np.zeros(len(NUMBERS)), known=0.9)) == NUMBERS
+
+
+def test_the_friction_of_loaded_bearings_is_no_models_and_every_robots() -> None:
+    effects = tuple(LIBRARY.values())
+    standing = nominal_freedom(nominal_model(), effects, standing=True)
+    assert [n.where for n in unmodelled(standing)] == ["HAA", "HFE", "KFE"]
+    assert all(n.effect == "joint_coulomb_drag" and n.deviation > 0 for n in unmodelled(standing))
+    assert unmodelled(nominal_freedom(nominal_model(), effects, standing=False)) == ()
