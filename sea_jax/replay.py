@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from sea_jax.control_period import signals_at
+from sea_jax.delay_line import LONGEST, delayed
 from sea_jax.electronics import back_emf
 from sea_jax.full_drive import watched_drive
 from sea_jax.motor import spring_on_link
@@ -41,6 +42,7 @@ class Timing(NamedTuple):
 
     loop_phase: Array  # s after the row's time at which its velocity loops run, 0 up to a period of theirs
     angle_lead: Array  # s by which the semi-implicit step's angle runs ahead; half a step against an exact plant
+    angle_delay: Array  # s by which the joint controllers see the replayed motor angle late
 
 
 class Trajectory(NamedTuple):
@@ -85,7 +87,7 @@ def replay(
     timing: without one, the loops run at the rows' times and the angle is that of the semi-implicit step.
     """
     still = jnp.zeros_like(start.motor_position)
-    timing = Timing(still, still) if timing is None else timing
+    timing = Timing(still, still, still) if timing is None else timing
     # The drive's clock starts with its velocity loop: links are seen later than the row, sensors read before it.
     lead = timing.loop_phase + timing.angle_lead
 
@@ -97,10 +99,12 @@ def replay(
         return tuple(x + jnp.maximum(1.0 - away, 0.0) * now for x, now in zip(sensed, _sensed(state), strict=True))
 
     def row(carry, inputs):
-        state, seen = carry
+        state, seen, past = carry
         command, measurement, motion = inputs
+        history = jnp.concatenate([seen.motor_position[:, None], past], 1)
         if own_motor_angle:
-            measurement = measurement._replace(motor_position=seen.motor_position)
+            late = delayed(history, timing.angle_delay / periods.control)
+            measurement = measurement._replace(motor_position=late)
         moved = (command, measurement, _later(motion, lead))
         state, _, sensed = watched_drive(params, state, moved, hooks, periods, (still, still, still), add_if_at_row)
         angle, velocity, current = sensed
@@ -108,12 +112,13 @@ def replay(
         end = signals_at(params, state, motion, periods.control, periods.current)
         end = end._replace(motor_position=angle, motor_velocity=velocity, current=current)
         torque, _, _ = spring_on_link(params, hooks, end, state.memory)
-        return (state, Trajectory(angle, velocity, current, torque)), seen
+        return (state, Trajectory(angle, velocity, current, torque), history[:, :LONGEST]), seen
 
     first = jax.tree.map(lambda x: x[0], rows.motion)
     torque, _, _ = spring_on_link(params, hooks, signals_at(params, start, first, 0.0, periods.current), start.memory)
     seen = Trajectory(*_sensed(start), torque)
-    _, trajectory = jax.lax.scan(row, (start, seen), tuple(rows))
+    past = jnp.repeat(seen.motor_position[:, None], LONGEST, 1)
+    _, trajectory = jax.lax.scan(row, (start, seen, past), tuple(rows))
     return trajectory
 
 

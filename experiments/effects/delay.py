@@ -1,22 +1,9 @@
 """Late commands: what the joint controllers receive was sent some time ago; and the unknown phase of the loops."""
 
-import jax
 import jax.numpy as jnp
 
 from experiments.effects.effect import Effect, Parameter
-from sea_jax import Timing
-
-LONGEST = 8  # control periods that the memory holds: 20 ms at 400 Hz
-
-
-def delayed(history: jax.Array, delay_in_periods: jax.Array) -> jax.Array:
-    """Linear interpolation in a history (places, LONGEST + 1), newest first, at a delay in periods (places,)."""
-    age = jnp.arange(LONGEST + 1, dtype=history.dtype)[None, :]
-    late = delay_in_periods[:, None] - age
-    # a hat around each age, written so that its slope at a whole number of periods is that towards later
-    weight = jnp.where(late < 0.0, 1.0 + late, 1.0 - late)
-    inside = (late >= -1.0) & (late < 1.0)
-    return jnp.where(inside, weight * history, 0.0).sum(-1)
+from sea_jax.delay_line import LONGEST, delayed
 
 
 def _command(p, command, s, memory):
@@ -36,7 +23,7 @@ def _command(p, command, s, memory):
 
 
 def _timing(p, timing, *_):
-    return Timing(timing.loop_phase + p.phase, timing.angle_lead + p.angle_lead)
+    return timing._replace(loop_phase=timing.loop_phase + p.phase, angle_lead=timing.angle_lead + p.angle_lead)
 
 
 def _torque(p, torque, s, memory):

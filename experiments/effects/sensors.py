@@ -6,8 +6,8 @@ the link's motion, the inverse (`measured_motion`) by which a replay recovers th
 
 import jax.numpy as jnp
 
-from experiments.effects.delay import LONGEST, delayed
 from experiments.effects.effect import Effect, Parameter
+from sea_jax.delay_line import LONGEST, delayed
 
 
 def _offset(p, measurement, _):
@@ -62,6 +62,10 @@ def _advance(p, motion, _):
     )
 
 
+def _own_angle_late(p, timing, _):
+    return timing._replace(angle_delay=timing.angle_delay + p.motor_side)
+
+
 EFFECTS = (
     Effect(
         "joint_encoder_offset",
@@ -96,7 +100,12 @@ EFFECTS = (
             Parameter("joint_side", "s", 0.0, 0.02, 0.002),
             Parameter("motor_side", "s", 0.0, 0.02, 0.002),
         ),
-        {"measurement": _late, "measured_current": _late_current, "measured_motion": _advance},
+        {
+            "measurement": _late,
+            "measured_current": _late_current,
+            "measured_motion": _advance,
+            "replay_timing": _own_angle_late,
+        },
         memory=5 * LONGEST,
     ),
 )

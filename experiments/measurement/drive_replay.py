@@ -52,7 +52,7 @@ class DriveReplay:
             params, log.motor_position[0] + shift, log.motor_velocity[0], log.motor_current[0], memory
         )
         still = jnp.zeros_like(start.motor_position)
-        timing = active.apply("replay_timing", numbers, Timing(still, still))
+        timing = active.apply("replay_timing", numbers, Timing(still, still, still))
         rows = ReplayRows(command, seen, motion)
         run = replay(params, hooks._replace(command=()), rows, start, self.periods, timing=timing)
         shown = JointMeasurement(motion.position, motion.velocity, run.joint_torque, run.motor_position)

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from experiments.measurement.evidence import Evidence, Point
+from experiments.measurement.features import SHARP
 from experiments.measurement.fit_problem import Problem
 from experiments.measurement.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fit_variables import added, first_value, variables_of
@@ -18,6 +19,7 @@ ITERATIONS = 8
 ENOUGH = 2.0  # fall of chi^2 below which the fit has ended: a parameter is then within its interval
 STEP_LENGTHS = (1.0, 0.4, 0.1)
 STARTS = (1.0, 0.7, 0.4, 0.2)  # of the strength that a linear score gives an effect, which may overshoot
+PLAUSIBLE = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0)  # of a parameter's start
 BLOWN_UP = 1e12  # chi^2 of a block whose replay is no number; finite, so that masks and sums keep their sense
 
 
@@ -46,7 +48,8 @@ def refit_effects(
 ) -> Refitted:
     """The same with the nominal numbers held where another fit has them: several times cheaper.
 
-    The last effect starts from its strength or less of it: a sharp effect that starts too strong finds no way back.
+    The last effect starts from its strength or less of it: a sharp effect that starts too strong finds no way back. Of
+    a sharp one the linear score may say nothing at all: plausible strengths are tried, too.
     """
     bases = []
     for log in logs:
@@ -55,11 +58,21 @@ def refit_effects(
             x = added(log.atoms, x, variable, value)
         bases.append(x)
     problem = Problem(tuple(logs), tuple(bases), variables_of(logs[0], effects, ()), tuple(blocks))
-    starts = [[*effects[:-1], _weaker(logs[0], effects[-1], share)] for share in STARTS]
+    last = [_weaker(logs[0], effects[-1], share) for share in STARTS] + _plausible(logs[0], effects[-1])
+    starts = [[*effects[:-1], placed] for placed in last]
     tried = [problem.start(start, (), held) for start in starts]
     costs = problem.cost(tried, [problem.points(v, held.points) for v in tried])
     effects = starts[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
     return replace(_solve(problem, effects, (), held, iterations), nominal=held.nominal, spread=held.spread)
+
+
+def _plausible(log: Evidence, placed: Placed) -> list[Placed]:
+    """A sharp effect with its own shape and all its strengths at a multiple of their start; none of another effect."""
+    effect = next(e for e in log.atoms.effects if e.name == placed.effect)
+    if effect.name not in SHARP:
+        return []
+    strengths = [{p.name: np.clip(size * p.start, p.low, p.high) for p in effect.strengths} for size in PLAUSIBLE]
+    return [placed._replace(parameters={**placed.parameters, **values}) for values in strengths]
 
 
 def _weaker(log: Evidence, placed: Placed, share: float) -> Placed:

@@ -20,7 +20,9 @@ from sea_jax import (
     JointCommand,
     JointMeasurement,
     ReplayRows,
+    Timing,
     Trajectory,
+    full_drive,
     link_motion,
     measured_start,
     replay,
@@ -165,3 +167,20 @@ def test_one_joint_alone_replays_like_among_twelve():
     among = replay_nominal(rows, start)
     for found, expected in zip(alone, among, strict=True):
         np.testing.assert_allclose(found[:, 0], expected[:, joint], rtol=1e-5, atol=1e-5)
+
+
+def test_joint_controllers_may_see_their_own_angle_two_rows_late():
+    log, still = read("air_reference"), jnp.zeros(12)
+    rows = jax.tree.map(lambda x: x[:80], rows_of(log, smooth=False))
+    late = Timing(still, still, jnp.full(12, 2 * PERIOD))
+    found = replay(PARAMS, DriveHooks(), rows, resting(log), timing=late)
+    step = jax.jit(lambda state, row: full_drive(PARAMS, state, row)[0])
+    state, angles = resting(log), [resting(log).motor_position]
+    for t in range(79):
+        command, measurement, motion = jax.tree.map(lambda x, t=t: x[t], tuple(rows))
+        seen = measurement._replace(motor_position=angles[max(t - 2, 0)])
+        state = step(state, (command, seen, motion))
+        angles.append(state.motor_position)
+    np.testing.assert_allclose(found.motor_position, np.stack(angles), atol=1e-6)
+    prompt = replay_nominal(rows, resting(log)).motor_position
+    assert np.abs(np.asarray(prompt) - np.asarray(found.motor_position)).max() > 1e-3
