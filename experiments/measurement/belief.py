@@ -23,6 +23,7 @@ MOST = 0.5  # of what is left where an effect acts
 NOTHING = 4.0  # of chi^2, by which joints differ that do not feel an effect
 COVERAGE, CONFIDENCE = 1.96, 0.95  # standard deviations to each side that an interval reaches, and what it holds
 SURELY = 1e-9  # of a strength: a smaller spread says no more
+LEAST_SPREAD = 1e-150  # whose square is a number yet
 DEGENERATE = 1e-6  # of the largest variance: less is rounding
 
 
@@ -54,7 +55,7 @@ def told_from_none(effect: Effect, fit: Refitted, k: int = -1) -> bool:
 
 def _distance(x: np.ndarray, covariance: np.ndarray) -> float:
     """Squared Mahalanobis distance of x (n,) from zero, also where of two strengths only the sum is known."""
-    least = np.maximum(SURELY * np.abs(x), np.finfo(float).tiny)  # a spread of zero, too, is a distance
+    least = np.maximum(SURELY * np.abs(x), LEAST_SPREAD)  # a spread of zero, too, is a distance
     scale = np.maximum(np.sqrt(np.maximum(np.diag(covariance), 0.0)), least)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     along = vectors.T @ (x / scale)

@@ -55,12 +55,12 @@ class Judge(NamedTuple):
 
         Where so much is left that all intervals are wide, an effect may wait for a later one to tell it from none.
         """
-        told = [f for f in finalists if self._told(f, finalists)]
-        chosen = self._simplest(told, sure=True)
+        told = [self._told(f, finalists) for f in finalists]
+        chosen = self._simplest([f for f, is_told in zip(finalists, told, strict=True) if is_told], sure=True)
         if chosen is not None:
             return chosen
-        blurred = [f for f in finalists if loud(f.scored.effect, f.scored.where, self.before, self.logs, self.test)]
-        return self._simplest(blurred, sure=False)
+        others = [f for f, is_told in zip(finalists, told, strict=True) if not is_told]
+        return self._simplest([f for f in others if self._loud(f)], sure=False)
 
     def _told(self, f: Finalist, finalists: Sequence[Finalist]) -> bool:
         return told_from_none(f.scored.effect, f.fit) or plain(*self._asked(f)) or self._alone(f, finalists)
@@ -75,6 +75,9 @@ class Judge(NamedTuple):
             return False
         left = left_at(f.scored.effect, f.scored.where, self.logs, self.before, self.test)
         return chi2_on(self.before, self.test) - f.held_out > MOST * left
+
+    def _loud(self, f: Finalist) -> bool:
+        return loud(f.scored.effect, f.scored.where, self.before, self.logs, self.test)
 
     def _asked(self, f: Finalist) -> tuple:
         return f.scored.effect, f.scored.where, self.before, f.held_out, self.logs, self.test
