@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
+from experiments.measurement import finalists
 from experiments.measurement import verdict as verdicts
 from experiments.measurement.belief import Finalist, loud, plain, simplest, told_from_none
 from experiments.measurement.choice import Judge
@@ -13,6 +14,7 @@ from experiments.measurement.finalists import Round, at_other_joints
 from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.linear_score import Scored
 from experiments.measurement.misfit import _enough
+from experiments.measurement.refit import _plausible
 from experiments.measurement.selection import Rung, Selection, _without_unsure, stands_out
 from mjx_starleth.names import JOINT_NAMES
 
@@ -46,6 +48,8 @@ def test_a_weak_effect_is_not_given_up_for_a_simpler_one_because_the_noise_was_t
     load, links = finalist("payload", "torso", 52500.0), finalist("link_mass", "HAA", 52900.0)
     winner, rivals = simplest([load, links], 53800.0, 53300.0, JOINT_NAMES)
     assert winner.scored.effect.name == "payload" and rivals == []
+    nearer = finalist("link_mass", "HAA", 52700.0)  # explains a sixth less: no rounding
+    assert simplest([load, nearer], 53800.0, 53300.0, JOINT_NAMES)[0].scored.effect.name == "payload"
     winner, _ = simplest([load, links], 63800.0, 53300.0, JOINT_NAMES)  # a strong one explains the log down to noise
     assert winner.scored.effect.name == "link_mass"
 
@@ -139,6 +143,44 @@ def test_an_effect_may_wait_to_be_told_from_none_where_much_is_left(where, sprea
     judge = Judge([log], before, [np.ones(1, bool)], SimpleNamespace(refutes=lambda effects, fit: None), [])
     choice = judge.choice([one])
     assert (() if choice is None else (choice.sure,)) == chosen
+
+
+@pytest.mark.parametrize(("rival", "sure"), [(100.0, True), (1000.0, False)])
+def test_an_effect_that_no_other_comes_near_is_told_whatever_its_interval(rival: float, sure: bool) -> None:
+    log, before = one_loud_joint()
+
+    def refitted(name: str, gain: float, after: float) -> Finalist:
+        effects = (Placed(name, "all", {LIBRARY[name].parameters[0].name: 0.01}),)
+        chi2 = (np.array([after]),)
+        fit = Refitted(effects, np.zeros(0), np.zeros(0), (None,), chi2, np.array([[0.02**2]]))
+        return Finalist(Scored(LIBRARY[name], "all", gain, {}, None), fit, after)
+
+    judge = Judge([log], before, [np.ones(1, bool)], SimpleNamespace(refutes=lambda effects, fit: None), [])
+    choice = judge.choice([refitted("backlash", 3000.0, 5500.0), refitted("command_delay", rival, 8090.0)])
+    assert choice.winner.scored.effect.name == "backlash" and choice.sure == sure
+
+
+@pytest.mark.parametrize(("after", "stays"), [(900.0, False), (1100.0, True)])
+def test_nominal_numbers_stay_where_following_the_score_takes_a_fit_farther_off(monkeypatch, after, stays) -> None:
+    def fit_at(nominal: np.ndarray, chi2: float) -> Refitted:
+        return Refitted((), nominal, nominal, (), (np.array([chi2]),), np.zeros((0, 0)))
+
+    astray, here = np.ones(1), fit_at(np.zeros(1), 1000.0)
+    monkeypatch.setattr(finalists, "following", lambda *args: astray)
+    beside = lambda self, fit, scored, nominal: Finalist(scored, fit_at(nominal, after if nominal[0] else 950.0), 0.0)  # noqa: E731
+    monkeypatch.setattr(Round, "_beside", beside)
+    round_ = Round([], (), [], [], [np.ones(1, bool)], [], print)
+    found = round_._refitted(here, Scored(LIBRARY["backlash"], "all", 1.0, {}, None))
+    assert (found.fit.nominal[0] == 0.0) == stays
+
+
+def test_only_of_sharp_effects_plausible_strengths_are_tried_beside_the_scores() -> None:
+    log = SimpleNamespace(atoms=SimpleNamespace(effects=tuple(LIBRARY.values())))
+    late = _plausible(log, Placed("sensor_delay", "all", {"joint_side": 0.0, "motor_side": 0.0}))
+    assert [placed.parameters["motor_side"] for placed in late] == [
+        pytest.approx(size * 0.002) for size in (0.3, 0.6, 1.0, 1.5, 2.0, 3.0)
+    ]
+    assert _plausible(log, Placed("coulomb_friction", "all", {"torque": 0.01})) == []
 
 
 @pytest.mark.parametrize(("spread", "kept"), [((0.001, 0.1), 2), ((0.2, 0.01), 0)])
