@@ -151,8 +151,13 @@ class Rollout:
         return self.task.score(values, tally, 1.0 - alive, last), kept
 
 
+def as_float(condition: Array) -> Array:
+    """1.0 where true."""
+    return condition.astype(jnp.float32)
+
+
 def _sane(state: PlantState) -> Array:
     """1.0 while the state is finite and its speeds are possible."""
     speed = jnp.abs(state.bodies.u).max()
     whole = jnp.isfinite(state.bodies.q.sum() + state.drive.motor_position.sum() + state.drive.current.sum())
-    return (whole & (speed < SANE_SPEED)).astype(jnp.float32)
+    return as_float(whole & (speed < SANE_SPEED))

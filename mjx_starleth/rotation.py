@@ -60,3 +60,10 @@ def rotation_matrix(quaternion: Array) -> Array:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return jnp.stack([jnp.stack(row) for row in rows])
+
+
+def matrix_quaternion(R: Array) -> Array:
+    """Unit quaternion (4,) w x y z of a rotation matrix (3, 3), by less than half a turn."""
+    w = 0.5 * jnp.sqrt(jnp.maximum(1.0 + R[0, 0] + R[1, 1] + R[2, 2], 1e-12))
+    axis = jnp.stack([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return jnp.concatenate([w[None], axis / (4.0 * w)])

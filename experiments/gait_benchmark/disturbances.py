@@ -10,7 +10,7 @@ from experiments.gait_benchmark.trials import Cases, cases
 from experiments.model import Model
 from experiments.perturbations import nominal_columns, parse_perturbations
 from experiments.tasks.definition import TaskDefinition
-from experiments.tasks.gait import GaitSettings
+from experiments.tasks.gait_parameters import GaitSettings
 from experiments.trial import DISTURBANCES
 
 UNSEEN: Final = 20_000  # seed of trials that no search has seen: searches use the task's seed and their judge's stream

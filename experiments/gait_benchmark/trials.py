@@ -19,7 +19,9 @@ from experiments.plant import make_plant
 from experiments.rollout import Rollout
 from experiments.sensing import contact_flags
 from experiments.tasks.definition import TaskDefinition
-from experiments.tasks.gait import GaitSettings, GaitTally, make_task
+from experiments.tasks.gait import make_task
+from experiments.tasks.gait_parameters import GaitSettings
+from experiments.tasks.gait_score import GaitTally
 from experiments.trial import Trial, noise_table
 
 Array = jax.Array

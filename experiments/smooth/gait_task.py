@@ -17,7 +17,8 @@ from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Rollout, Score, Tick
 from experiments.smooth import gait
 from experiments.smooth.laws import WIDTHS, Widths, softplus, step
-from experiments.tasks.gait import CONE_EDGE, GaitTask
+from experiments.tasks.gait import GaitTask
+from experiments.tasks.gait_score import CONE_EDGE
 from experiments.torque_sensors import as_read
 from experiments.trial import Trial
 from mjx_starleth.rotation import rotation_matrix

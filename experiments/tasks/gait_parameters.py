@@ -7,7 +7,7 @@ from the robot is taken from the robot.
 from collections.abc import Mapping, Sequence
 from importlib import resources
 from types import MappingProxyType
-from typing import Any, Final, get_type_hints
+from typing import Any, Final, NamedTuple, get_type_hints
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,8 @@ import numpy as np
 from controller_jax.geometry import JOINTS, geometry_from_numbers
 from controller_jax.leg_kinematics import leg_mass
 from controller_jax.locomotion import GaitParams
+from controller_jax.types import LegGeometry
+from controller_jax.velocity_command import VelocityCommand
 from experiments.errors import UserError
 from experiments.files import read_json, shown
 
@@ -72,6 +74,17 @@ PARAMETERS: Final[Mapping[str, tuple[tuple[str | int, ...], ...]]] = MappingProx
         "yaw_damping": (("gains", "torque_d", 2),),
     }
 )
+
+
+class GaitSettings(NamedTuple):
+    """What is not searched, beside the searched numbers' first values."""
+
+    geometry: LegGeometry
+    distribution: Any  # of the force distribution; replaces the one in `controller`
+    controller: GaitParams
+    command: VelocityCommand
+    flight: Array  # () wanted share of the stride with all feet in the air
+    turn_start: Array  # () s, when the turning command sets in
 
 
 def with_values(controller: GaitParams, names: Sequence[str], values: Array) -> GaitParams:

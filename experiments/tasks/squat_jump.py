@@ -16,7 +16,7 @@ from experiments.files import shown
 from experiments.known_numbers import known_numbers
 from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
-from experiments.rollout import Score, Tick
+from experiments.rollout import Score, Tick, as_float
 from experiments.tasks.definition import TaskDefinition, check_weights
 from experiments.torque_sensors import TorqueSensors, as_read, known_torque_sensors
 from experiments.trial import Trial
@@ -198,11 +198,6 @@ def leg_lengths(geometry: LegGeometry, q: Array, r_WF: Array) -> Array:
     """Distance (4,) of each foot's centre (4, 3) from its hip (HAA axis) at torso pose q (7 or more), m."""
     r_WH = q[None, :3] + (rotation_matrix(q[3:7])[None] * geometry.r_BH_B[:, None]).sum(-1)
     return jnp.sqrt(((r_WF - r_WH) ** 2).sum(-1))
-
-
-def as_float(condition: Array) -> Array:
-    """1.0 where true."""
-    return condition.astype(jnp.float32)
 
 
 def make_task(definition: TaskDefinition, model: Model) -> SquatJumpTask:
