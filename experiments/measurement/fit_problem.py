@@ -23,7 +23,7 @@ class Normal(NamedTuple):
 
     hessian: np.ndarray
     gradient: np.ndarray
-    gradients: tuple[np.ndarray, ...]  # per log (blocks, variables)
+    without: tuple[tuple[np.ndarray, np.ndarray], ...]  # hessian and gradient, each block once left out
     own: tuple[Own, ...]
 
 
@@ -68,22 +68,21 @@ class Problem:
         return found
 
     def normal(self, v: np.ndarray, points: Sequence[Point]) -> Normal:
-        unit, count = self.unit(v), len(v)
-        hessian, gradients, own = np.diag(1.0 / self.prior**2), [], []
+        unit = self.unit(v)
+        hessian, gradient = np.diag(1.0 / self.prior**2), v / self.prior**2
+        changes, own = [], []
         for log, at, mask_ in zip(self.logs, points, self.masks, strict=True):
             steps = [difference(log.atoms, x, value) for x, value in zip(self.variables, v, strict=True)]
-            gram = log.local(at, np.stack(steps) if steps else np.zeros((0, log.atoms.size)))
-            gram = gram * mask_[:, None, None]
-            total = gram.sum(0)
-            now = log.coefficients(at)  # the prior holds them near zero, not near where they are
-            inner = total[count:-1, count:-1] + np.eye(len(now))
-            away = np.linalg.solve(inner, total[count:-1, :count])
-            z = -np.linalg.solve(inner, total[count:-1, -1] + now)
-            hessian = hessian + (total[:count, :count] - total[:count, count:-1] @ away) / np.outer(unit, unit)
-            gradients.append((gram[:, :count, -1] + gram[:, :count, count:-1] @ z) / unit)
-            own.append(Own(z, -away / unit))
-        gradient = sum(g.sum(0) for g in gradients) + v / self.prior**2
-        return Normal(hessian, gradient, tuple(gradients), tuple(own))
+            gram = log.local(at, np.stack(steps) if steps else np.zeros((0, log.atoms.size)))[mask_]
+            total, now = gram.sum(0), log.coefficients(at)
+            h, g, mine = _reduced(total, now, unit)
+            for block in gram:
+                h_without, g_without, _ = _reduced(total - block, now, unit)
+                changes.append((h_without - h, g_without - g))
+            hessian, gradient = hessian + h, gradient + g
+            own.append(mine)
+        without = tuple((hessian + dh, gradient + dg) for dh, dg in changes)
+        return Normal(hessian, gradient, without, tuple(own))
 
     def unit(self, v: np.ndarray) -> np.ndarray:
         """The difference quotients' steps."""
@@ -104,3 +103,13 @@ class Problem:
             shift, offset = log.nuisances(own.best + own.follow @ (new - v))
             found.append(Point(self.x(i, new), point.shift + shift, point.offset + offset))
         return found
+
+
+def _reduced(gram: np.ndarray, now: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray, Own]:
+    """Hessian and gradient of a log's variables, its nuisances (that stand at `now`) where they fit best."""
+    count = len(unit)
+    inner = gram[count:-1, count:-1] + np.eye(len(now))  # a prior holds them near zero, not near where they are
+    away = np.linalg.solve(inner, gram[count:-1, :count])
+    z = -np.linalg.solve(inner, gram[count:-1, -1] + now)
+    hessian = (gram[:count, :count] - gram[:count, count:-1] @ away) / np.outer(unit, unit)
+    return hessian, (gram[:count, -1] + gram[:count, count:-1] @ z) / unit, Own(z, -away / unit)

@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.measurement.evidence import Evidence, Point
 from experiments.measurement.features import SHARP
-from experiments.measurement.fit_problem import Problem
+from experiments.measurement.fit_problem import Normal, Problem
 from experiments.measurement.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fit_variables import added, first_value, variables_of
 
@@ -123,7 +123,7 @@ def _solve(
         normal = problem.normal(v, points)
         if not np.isfinite(normal.hessian).all():
             return _blown_up(problem, effects, nominal, v, points)
-        covariance = _covariance(normal.hessian, normal.gradients)
+        covariance = _covariance(normal)
     chi2 = tuple(log.chi2([p])[0] for log, p in zip(logs, points, strict=True))
     return _result(effects, problem.variables, nominal, v, covariance, tuple(points), chi2)
 
@@ -134,17 +134,21 @@ def _blown_up(problem: Problem, effects, nominal, v: np.ndarray, points: Sequenc
     return _result(effects, problem.variables, nominal, v, np.zeros((len(v), len(v))), tuple(points), chi2)
 
 
-def _covariance(hessian: np.ndarray, gradients: Sequence[np.ndarray]) -> np.ndarray:
-    """Covariance that holds under coloured residuals: the scatter of the blocks' gradients (a sandwich), where it is
-    larger than what white noise would give."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
-    inverse = np.linalg.pinv(hessian * np.outer(scale, scale)) * np.outer(scale, scale)
-    blocks = np.concatenate(gradients) if gradients else np.zeros((0, len(hessian)))
-    count = max(int((np.abs(blocks).sum(1) > 0).sum()), 1)
-    scatter = blocks.T @ blocks * count / max(count - len(hessian), 1)
-    sandwich = inverse @ scatter @ inverse
-    white = np.diag(inverse)
-    ratio = np.divide(np.diag(sandwich), white, out=np.ones(len(white)), where=white > np.finfo(float).tiny * 1e9)
+def _covariance(normal: Normal) -> np.ndarray:
+    """Covariance that holds under coloured residuals: what leaving out each block in turn moves (the jackknife), where
+    that is more than white noise would.
+
+    Priors hold what a few blocks cannot tell apart, here as in the fit: there may be more variables than blocks.
+    Source: Efron and Stein, Annals of Statistics 9(3), 1981, DOI 10.1214/aos/1176345462.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal.hessian), 1e-300))
+    inverse = np.linalg.pinv(normal.hessian * np.outer(scale, scale)) * np.outer(scale, scale)
+    if len(normal.without) < 2:
+        return inverse
+    moved = [np.linalg.pinv(h * np.outer(scale, scale)) @ (scale * g) for h, g in normal.without]
+    away = scale * (np.stack(moved) - np.mean(moved, 0))
+    jackknife, white = (len(away) - 1) / len(away) * (away**2).sum(0), np.diag(inverse)
+    ratio = np.divide(jackknife, white, out=np.ones(len(white)), where=white > np.finfo(float).tiny * 1e9)
     wider = np.sqrt(np.maximum(ratio, 1.0))
     return inverse * np.outer(wider, wider)
 

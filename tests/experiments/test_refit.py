@@ -5,6 +5,7 @@ import pytest
 
 from experiments.effects import LIBRARY
 from experiments.measurement.atoms import Atoms
+from experiments.measurement.belief import COVERAGE
 from experiments.measurement.evidence import Point
 from experiments.measurement.fit_types import Nominal, Placed
 from experiments.measurement.refit import BLOWN_UP, refit, refit_effects
@@ -72,3 +73,43 @@ def test_a_number_that_an_effect_stands_for_stays_nominal() -> None:
     found = refit([log], [Placed("spring_stiffening", "axis", {"cubic": 5.0})], [number])
     assert alone == pytest.approx(HIDDEN, rel=0.01)
     assert abs(found.nominal[0]) < 1e-3 and found.effects[0].parameters["cubic"] == pytest.approx(HIDDEN, abs=1e-3)
+
+
+class Linear(Formula):
+    """A log whose residual is linear in the numbers of many joints; its noise is alike for all of a block."""
+
+    blocks, rows = 16, 40
+    names = tuple(f"joint{i}" for i in range(25))
+    atoms = Atoms((LIBRARY["spring_stiffening"],), names)
+
+    def __init__(self, rng: np.random.Generator):
+        self.features = rng.normal(size=(self.blocks, self.rows, len(self.names))) / 20.0
+        coloured = rng.normal(size=(self.blocks, 1)) * np.sign(self.features[..., 0])
+        self.noise = rng.normal(size=(self.blocks, self.rows)) + coloured
+
+    def start(self) -> Point:
+        return Point(np.zeros(len(self.names)), np.zeros(1), np.zeros(0))
+
+    def rows_at(self, x: np.ndarray) -> np.ndarray:
+        return self.features @ (x - HIDDEN * (np.arange(len(x)) == 0)) + self.noise
+
+    def chi2(self, points: list[Point]) -> np.ndarray:
+        return np.array([(self.rows_at(p.x) ** 2).sum(1) for p in points])
+
+    def local(self, at: Point, directions: np.ndarray) -> np.ndarray:
+        moved = np.einsum("brn,dn->brd", self.features, directions)
+        columns = np.concatenate([moved, np.zeros((self.blocks, self.rows, 1)), self.rows_at(at.x)[..., None]], 2)
+        return np.einsum("bri,brj->bij", columns, columns)
+
+
+def test_intervals_hold_under_coloured_residuals_with_more_numbers_than_blocks() -> None:
+    """What comes out of 100 logs is the oracle: the interval holds the truth, and is no wider than it has to be."""
+    effect = Placed("spring_stiffening", "joint0", {"cubic": 30.0})
+    numbers = [Nominal("spring_stiffening", name, "cubic", 2.0) for name in Linear.names[1:]]
+    found = []
+    for seed in range(100):
+        fit = refit([Linear(np.random.default_rng(seed))], [effect], numbers)
+        found.append((fit.effects[0].parameters["cubic"] - HIDDEN, fit.covariance[0, 0] ** 0.5))
+    error, spread = np.array(found).T
+    assert 0.9 <= np.mean(np.abs(error) <= COVERAGE * spread) <= 0.99
+    assert 0.9 <= np.median(spread) / error.std() <= 1.4
