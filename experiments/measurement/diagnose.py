@@ -91,7 +91,7 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
             return numbers
     promising = PROMISING if len(evidence) == 1 else 0.0  # what explains one of several logs has to be refuted
     strict = select(evidence, given, say, 1, promising=promising, begun=strict.ladder[0])
-    if excess(evidence, strict.fit) <= WELL_EXPLAINED:
+    if excess(evidence, strict.fit) <= WELL_EXPLAINED and above_floor(evidence, strict.fit) <= LEAST_GAIN:
         return strict
     say("trying again with nominal numbers that may be a little off")
     free = refit(evidence, (), freedom)

@@ -18,6 +18,7 @@ from experiments.measurement.remembered import Remembered
 BLOCK = 0.5  # s: long against the residuals' correlation, short enough for many blocks in a log
 SHIFT_STEP = 1e-4  # rad
 SHIFT_PRIOR = 3e-4  # rad, standard deviation of what the first motor angle may be wrong by
+FARTHEST_OFFSET = 5.0  # standard deviations of a body channel's constant error: what lies beyond is left unexplained
 
 
 class Point(NamedTuple):
@@ -97,6 +98,13 @@ class Evidence:
             r = self.body_residual(points) / np.sqrt(self.body.tau)
             total += sum_blocks((r**2).sum(2), self.block_of_body(), self.blocks)
         return total
+
+    def judged(self, at: Point) -> Point:
+        """A fit's point as it is judged: no constant error of a channel is larger than the model's own may be."""
+        if self.body is None:
+            return at
+        farthest = FARTHEST_OFFSET * self.offset_scale()
+        return at._replace(offset=np.clip(at.offset, -farthest, farthest))
 
     def weight(self) -> np.ndarray:
         """Expected chi^2 of noise alone per block (blocks,)."""

@@ -6,7 +6,7 @@ import pytest
 from experiments.effects import LIBRARY
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.belief import COVERAGE
-from experiments.measurement.evidence import Point
+from experiments.measurement.evidence import Evidence, Point
 from experiments.measurement.fit_types import Nominal, Placed
 from experiments.measurement.refit import BLOWN_UP, refit, refit_effects
 
@@ -36,6 +36,9 @@ class Formula:
         here = self.residual(at.x)
         row = np.array([*(self.residual(at.x + d) - here for d in directions), 0.0, here])  # one shift, without effect
         return np.repeat(np.outer(row, row)[None], BLOCKS, 0)
+
+    def judged(self, at: Point) -> Point:
+        return at
 
     def coefficients(self, at: Point) -> np.ndarray:
         return at.shift
@@ -73,6 +76,25 @@ def test_a_number_that_an_effect_stands_for_stays_nominal() -> None:
     found = refit([log], [Placed("spring_stiffening", "axis", {"cubic": 5.0})], [number])
     assert alone == pytest.approx(HIDDEN, rel=0.01)
     assert abs(found.nominal[0]) < 1e-3 and found.effects[0].parameters["cubic"] == pytest.approx(HIDDEN, abs=1e-3)
+
+
+class Pushed:
+    """Stands for the bodies of a log: one channel with the same residual on all rows, which should be off by half."""
+
+    channels, model_error, floor, tau = ("torso_force/x",), np.array([0.5]), np.ones(1), np.ones(1)
+    used = np.ones((200, 1))
+
+    def __init__(self, constant: float):
+        self.constant = constant
+
+    def residual(self, xs: np.ndarray) -> np.ndarray:
+        return np.full((len(xs), 200, 1), self.constant)
+
+
+@pytest.mark.parametrize(("constant", "left"), [(2.0, 0.0), (10.0, 7.5), (-10.0, 7.5)])
+def test_a_constant_error_is_explained_up_to_what_the_models_own_may_be(constant: float, left: float) -> None:
+    log = Evidence("log", Formula.atoms, None, Pushed(constant), BLOCKS, 0.0025, np.zeros(1))
+    assert np.sqrt(refit([log], (), ()).total / 200) == pytest.approx(left, abs=0.05)
 
 
 class Linear(Formula):

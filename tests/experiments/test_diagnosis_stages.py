@@ -1,0 +1,55 @@
+"""Which stages a diagnosis goes through: with the nominal numbers as they stand, and with numbers a little off."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from experiments.effects import LIBRARY
+from experiments.measurement import diagnose
+from experiments.measurement.belief import LEAST_GAIN
+from experiments.measurement.diagnose import WELL_EXPLAINED
+from experiments.measurement.features import changes_of
+from experiments.measurement.selection import NOISE
+
+
+def stages(monkeypatch: pytest.MonkeyPatch, excess: float, above: float) -> list[tuple[int, float]]:
+    """Effects sought at most, and the excess they are sought down to, stage by stage; none explains anything."""
+    calls = []
+
+    def select(logs, nominal, say, most=6, least=NOISE, promising=0.0, begun=None, start=None):
+        calls.append((most, least))
+        fit = SimpleNamespace(effects=("backlash",) if most == 1 else (), nominal=())
+        return SimpleNamespace(fit=fit, ladder=[None], nominal=())
+
+    stubs = {"select": select, "refit": lambda *_: None, "as_far_as_others": lambda freedom, _: freedom}
+    stubs |= {"at_end": lambda *_: (), "nominal_freedom": lambda *_: (), "timing": lambda _: ()}
+    stubs |= {"above_floor": lambda *_: above, "excess": lambda *_: excess if len(calls) < 2 else excess / 2.0}
+    for name, stub in stubs.items():
+        monkeypatch.setattr(diagnose, name, stub)
+    log = SimpleNamespace(standing=True, atoms=SimpleNamespace(effects=()))
+    diagnose._selected((log,), None, lambda _: None)
+    return calls
+
+
+def test_a_log_that_the_nominal_model_explains_is_tried_no_further(monkeypatch) -> None:
+    assert stages(monkeypatch, 0.5 * WELL_EXPLAINED, 0.0) == [(0, NOISE)]
+
+
+def test_what_one_effect_explains_in_every_channel_needs_no_free_numbers(monkeypatch) -> None:
+    assert stages(monkeypatch, 1.5 * WELL_EXPLAINED, 0.5 * LEAST_GAIN) == [(0, NOISE), (1, NOISE)]
+
+
+def test_a_channel_above_its_floor_is_looked_into_however_little_is_left(monkeypatch) -> None:
+    """One constant force is little beside the play in twelve knees, and a delay of one joint beside all the others."""
+    assert stages(monkeypatch, 1.5 * WELL_EXPLAINED, 2.0 * LEAST_GAIN)[2:] == [(0, NOISE), (6, NOISE)]
+
+
+def test_numbers_a_little_off_explain_a_rest_that_is_small_in_every_channel(monkeypatch) -> None:
+    assert stages(monkeypatch, 4.0 * WELL_EXPLAINED, 0.0)[2:] == [(0, NOISE), (6, WELL_EXPLAINED)]
+
+
+def test_ripple_lines_are_sought_in_what_is_left_at_the_fit(monkeypatch) -> None:
+    effects = (LIBRARY["torque_ripple"],)
+    log = SimpleNamespace(seeds_at=lambda point: {"torque_ripple": ({"harmonic": point},)})
+    changes, _ = changes_of(effects, [log], [123.0])
+    assert {dict(change.shapes)["harmonic"] for change in changes} == {123.0}
