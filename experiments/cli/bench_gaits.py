@@ -19,6 +19,7 @@ gaits.json and report.html in the output folder.
     starleth bench gaits                                   all
     starleth bench gaits --sweep-trials 8                  all, with fewer trials (8 minutes on one core)
     starleth bench gaits walking_trot runs/my_trot         these
+    starleth bench gaits runs/my_trot --task my_trot.json  tuned with your own task file
     starleth bench gaits --sweep-trials 0 --no-mujoco-c    only the unseen trials
 """
 
@@ -34,6 +35,7 @@ def gaits(
     ] = 16,
     mujoco_c: Annotated[bool, typer.Option(help="Replay each gait in MuJoCo C.")] = True,
     model: ModelOption = None,
+    task: Annotated[str | None, typer.Option(help="Your own task file, if they were tuned with one.")] = None,
     devices: DevicesOption = available_cores(),  # noqa: B008
     folder: Annotated[Path, typer.Option("--output", "-o", help="Folder for gaits.json and report.html.")] = Path(
         "runs/bench_gaits"
@@ -48,7 +50,7 @@ def gaits(
     from experiments.run_folder import make_answer_folder
 
     robot = load_model(model)
-    plan = Plan(find_motions(names or (), robot), trials, cycles, sweep_trials, mujoco_c)
+    plan = Plan(find_motions(names or (), robot, task), trials, cycles, sweep_trials, mujoco_c)
     make_answer_folder(folder)
     refuse_unwritable(folder / "gaits.json")
     results = []
@@ -56,5 +58,7 @@ def gaits(
         results.append(result)
         print(json.dumps(result.figures), flush=True)
         write_json(folder / "gaits.json", [r.figures for r in results])
-    line = shlex.join(["starleth", "bench", "gaits", *(names or ()), "--trials", str(trials), "--cycles", str(cycles)])
+    own = () if task is None else ("--task", task)
+    counts = ("--trials", str(trials), "--cycles", str(cycles))
+    line = shlex.join(["starleth", "bench", "gaits", *(names or ()), *own, *counts])
     write_gait_benchmark_report(folder / "report.html", results, robot.numbers, line)

@@ -37,8 +37,11 @@ class GaitResult(NamedTuple):
     record: GaitRecord | None
 
 
-def find_motions(names: Sequence[str], model: Model) -> list[Motion]:
-    """Gaits by name (the examples that come with the program) or parameter files. Raises UserError."""
+def find_motions(names: Sequence[str], model: Model, task: str | None = None) -> list[Motion]:
+    """Gaits by name (the examples that come with the program) or parameter files.
+
+    task: the user's own task file, if all of them were tuned with it. Raises UserError.
+    """
     examples = resources.files("experiments") / "examples"
     known = [name for name in GAITS if (examples / f"{name}.json").is_file()]
     motions = []
@@ -46,7 +49,7 @@ def find_motions(names: Sequence[str], model: Model) -> list[Motion]:
         path = Path(str(examples / f"{name}.json")) if name in known else Path(name)
         if name not in known and not path.exists():
             raise UserError(f"No gait '{name}': give {', '.join(known)}, a run's folder or a parameters.json.")
-        motion = load_motion(path, model)
+        motion = load_motion(path, model, task)
         if motion.definition.task not in GAITS:
             raise UserError(f"{name} is a {motion.definition.task}, not a gait; the gaits are {', '.join(GAITS)}.")
         motions.append(motion)

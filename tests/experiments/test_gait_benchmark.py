@@ -1,6 +1,7 @@
 """The benchmark of the gaits: its disturbances by hand, its trials against the search's rollout, report and command."""
 
 import json
+from importlib import resources
 from pathlib import Path
 
 import jax
@@ -14,6 +15,7 @@ from experiments.gait_benchmark.disturbances import SWEEPS, drawn, nominal, swep
 from experiments.gait_benchmark.run import GaitResult, find_motions
 from experiments.gait_benchmark.trials import GaitTrials, cases, flight_phases, gait_settings, joined
 from experiments.model import nominal_model
+from experiments.parameter_file import checksum
 from experiments.recording import gait_record
 from experiments.reports.gait_benchmark import write_gait_benchmark_report
 from experiments.tasks.definition import load_task
@@ -113,6 +115,20 @@ def test_gaits_are_found_by_name_and_others_refused(tmp_path: Path) -> None:
     assert motion.definition.task == "walking_trot"
     with pytest.raises(UserError, match="moonwalk"):
         find_motions(["moonwalk"], MODEL)
+
+
+def test_a_gait_tuned_with_an_own_task_file_is_measured_on_it(tmp_path: Path) -> None:
+    longer = load_task("walking_trot").model_copy(update={"duration": 9.0})
+    own, path = tmp_path / "own.json", tmp_path / "parameters.json"
+    own.write_text(longer.model_dump_json())
+    (shipped,) = find_motions(["walking_trot"], MODEL)
+    example = resources.files("experiments.examples") / "walking_trot.json"
+    content = json.loads(example.read_text()) | {"task_hash": longer.hash()}
+    path.write_text(json.dumps(content | {"checksum": checksum(content)}))
+    with pytest.raises(UserError, match="by --task FILE"):
+        find_motions([str(path)], MODEL)
+    (motion,) = find_motions([str(path)], MODEL, str(own))
+    assert motion.definition == longer and motion.file.values() == shipped.file.values()
 
 
 def figures(gait: str, survived: int) -> dict:
