@@ -18,7 +18,6 @@ from experiments.measurement.remembered import Remembered
 BLOCK = 0.5  # s: long against the residuals' correlation, short enough for many blocks in a log
 SHIFT_STEP = 1e-4  # rad
 SHIFT_PRIOR = 3e-4  # rad, standard deviation of what the first motor angle may be wrong by
-FARTHEST_OFFSET = 5.0  # standard deviations of a body channel's constant error: what lies beyond is left unexplained
 
 
 class Point(NamedTuple):
@@ -99,12 +98,13 @@ class Evidence:
             total += sum_blocks((r**2).sum(2), self.block_of_body(), self.blocks)
         return total
 
-    def judged(self, at: Point) -> Point:
-        """A fit's point as it is judged: no constant error of a channel is larger than the model's own may be."""
+    def constant_errors(self, at: Point) -> np.ndarray:
+        """What the channels' constant errors add to chi^2 beside the residuals, (blocks, C): how unlikely they are for
+        the model, over the rows that a channel counts on."""
         if self.body is None:
-            return at
-        farthest = FARTHEST_OFFSET * self.offset_scale()
-        return at._replace(offset=np.clip(at.offset, -farthest, farthest))
+            return np.zeros((self.blocks, 0))
+        count = sum_blocks(self.body.used.T, self.block_of_body(), self.blocks).T
+        return (at.offset / self.offset_scale()) ** 2 * count / np.maximum(count.sum(0), 1.0)
 
     def weight(self) -> np.ndarray:
         """Expected chi^2 of noise alone per block (blocks,)."""

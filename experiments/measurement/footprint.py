@@ -49,6 +49,7 @@ def left_at(
         if log.body is not None and hooks & BODY_HOOKS:
             rows = here[log.block_of_body()]
             over = (log.body_residual([fit.points[i]])[0][rows] ** 2 - log.body.used[rows]).sum(0) / log.body.tau
+            over += log.constant_errors(fit.points[i])[here].sum(0)
             total += float(np.maximum(over, 0.0).sum())
     return total
 

@@ -124,9 +124,9 @@ class JointEvidence:
         """Sum of squared residuals on the judged rows: (H, blocks)."""
         return sum_blocks(self.residual(points) ** 2, self.block_of_rows(), self.blocks)
 
-    def judged(self, at: Point) -> Point:
-        """A bench log's fit is judged as it is."""
-        return at
+    def constant_errors(self, at: Point) -> np.ndarray:
+        """A bench log has no channels of bodies: (blocks, 0)."""
+        return np.zeros((self.blocks, 0))
 
     def weight(self) -> np.ndarray:
         """Expected chi^2 of noise alone per block (blocks,)."""

@@ -33,7 +33,7 @@ class Misfit:
 def misfit(log: Evidence | JointEvidence, fit: Refitted, index: int, blocks: np.ndarray | None = None) -> Misfit:
     """Residual over noise of one log at a fit, on all blocks or those of a mask.
 
-    Constant errors below the model's own are not counted.
+    Constant errors of the bodies count as the unlikely thing that they are, not on each row.
     """
     point = fit.points[index]
     blocks = np.ones(log.blocks, bool) if blocks is None else blocks
@@ -51,7 +51,8 @@ def misfit(log: Evidence | JointEvidence, fit: Refitted, index: int, blocks: np.
         r, used = log.body_residual([point])[0][here], log.body.used[here]
         count = used.sum(0)
         # smoothed rows share their noise: what is slower than the filter is weighed as it deserves
-        size = np.sqrt((r**2).sum(0) / np.maximum(count, 1))
+        square = (r**2).sum(0) + log.body.tau * log.constant_errors(point)[blocks].sum(0)
+        size = np.sqrt(square / np.maximum(count, 1))
         body = np.where(_enough(log.body.channels, count), size, np.nan)
     return Misfit(drive, body)
 

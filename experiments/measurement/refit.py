@@ -124,8 +124,7 @@ def _solve(
         if not np.isfinite(normal.hessian).all():
             return _blown_up(problem, effects, nominal, v, points)
         covariance = _covariance(normal)
-    points = [log.judged(p) for log, p in zip(logs, points, strict=True)]
-    chi2 = tuple(log.chi2([p])[0] for log, p in zip(logs, points, strict=True))
+    chi2 = tuple(log.chi2([p])[0] + log.constant_errors(p).sum(1) for log, p in zip(logs, points, strict=True))
     return _result(effects, problem.variables, nominal, v, covariance, tuple(points), chi2)
 
 

@@ -8,6 +8,7 @@ from experiments.measurement.atoms import Atoms
 from experiments.measurement.belief import COVERAGE
 from experiments.measurement.evidence import Evidence, Point
 from experiments.measurement.fit_types import Nominal, Placed
+from experiments.measurement.misfit import misfit
 from experiments.measurement.refit import BLOWN_UP, refit, refit_effects
 
 HIDDEN = 40.0  # N m/rad^3
@@ -37,8 +38,8 @@ class Formula:
         row = np.array([*(self.residual(at.x + d) - here for d in directions), 0.0, here])  # one shift, without effect
         return np.repeat(np.outer(row, row)[None], BLOCKS, 0)
 
-    def judged(self, at: Point) -> Point:
-        return at
+    def constant_errors(self, at: Point) -> np.ndarray:
+        return np.zeros((self.blocks, 0))
 
     def coefficients(self, at: Point) -> np.ndarray:
         return at.shift
@@ -91,10 +92,12 @@ class Pushed:
         return np.full((len(xs), 200, 1), self.constant)
 
 
-@pytest.mark.parametrize(("constant", "left"), [(2.0, 0.0), (10.0, 7.5), (-10.0, 7.5)])
-def test_a_constant_error_is_explained_up_to_what_the_models_own_may_be(constant: float, left: float) -> None:
+@pytest.mark.parametrize("constant", [0.5, 2.0, -10.0])
+def test_a_constant_error_costs_what_it_is_unlikely_for_the_model(constant: float) -> None:
     log = Evidence("log", Formula.atoms, None, Pushed(constant), BLOCKS, 0.0025, np.zeros(1))
-    assert np.sqrt(refit([log], (), ()).total / 200) == pytest.approx(left, abs=0.05)
+    fit = refit([log], (), ())
+    assert fit.total == pytest.approx((constant / 0.5) ** 2, rel=0.05)  # of 200 rows: else 200 constant^2
+    assert misfit(log, fit, 0).worst == pytest.approx(abs(constant / 0.5) / np.sqrt(200), rel=0.05)
 
 
 class Linear(Formula):
