@@ -29,7 +29,7 @@ COST_TOLERANCE = 0.01  # of the optimal cost
 COST_ROUNDING = 1e-3  # of a cost that is 1e-5 * 1e5 N^2 where the wrench is reached: float32 of the residual, squared
 WRENCH_WEIGHT = np.array([1.0, 1.0, 1.0, 20.0, 20.0, 5.0])
 BATCH = 500
-JUMPS = 3  # recorded one after the other, equally long
+JUMPS, JUMP_TICKS = 3, 560  # recorded, one after the other
 UPRIGHT = 0.95  # cosine of the tilt
 CALLED_SOLVED = 0.95  # share of the problems called solved that are within 1 %; 0.98 measured
 PUSHED_SHARE = 0.75  # the same of jumps that are pushed over; 0.789 measured
@@ -100,6 +100,29 @@ def _cold(ours: DistributionSettings, legs: SupportLegs, wrench: jax.Array) -> F
     return jax.vmap(solve_one)(legs, wrench)
 
 
+@jax.jit
+def _loop(ours: DistributionSettings, legs: SupportLegs, wrench: jax.Array, fresh: jax.Array) -> ForceDistribution:
+    def tick(state, problem):
+        *problem, fresh = problem
+        state = jax.tree.map(lambda new, old: jnp.where(fresh, new, old), init_distribution(), state)
+        return distribute_forces(ours, state, *problem)
+
+    return jax.vmap(lambda *problems: jax.lax.scan(tick, init_distribution(), problems)[1])(legs, wrench, fresh)
+
+
+def in_the_loop(ours: DistributionSettings, legs: SupportLegs, wrench: jax.Array, warm: bool) -> ForceDistribution:
+    """Solutions in the few steps of the control loop, each problem warm from the one before in its jump, or cold.
+
+    One program serves both: problems of any number are laid out as those of the recorded jumps are.
+    """
+    count, ticks = len(wrench), JUMP_TICKS
+    fill = lambda x: np.concatenate([x, np.repeat(x[-1:], JUMPS * ticks - count, 0)])  # noqa: E731
+    by_jump = lambda x: fill(np.asarray(x)).reshape(JUMPS, ticks, *x.shape[1:])  # noqa: E731
+    legs, wrench = jax.tree.map(by_jump, (legs, wrench))
+    forces = _loop(ours, legs, wrench, np.full((JUMPS, ticks), not warm))
+    return jax.tree.map(lambda x: np.asarray(x).reshape(-1, *x.shape[2:])[:count], forces)
+
+
 def cold(ours: DistributionSettings, legs: SupportLegs, wrench: jax.Array) -> ForceDistribution:
     """Solutions from a cold start, in batches of one size: one compiled program serves all tests."""
     count = len(wrench)
@@ -163,13 +186,7 @@ def test_recorded_problems_of_a_robot_on_its_feet():
     legs, wrench, upright = recorded_problems()
     ours, weights = settings(friction=0.6)  # the jump's
 
-    def tick(state, problem):
-        state, forces = distribute_forces(ours, state, *problem)
-        return state, forces.force
-
-    run = jax.jit(jax.vmap(lambda *problems: jax.lax.scan(tick, init_distribution(), problems)[1]))
-    by_jump = jax.tree.map(lambda x: x.reshape(JUMPS, -1, *x.shape[1:]), (legs, wrench))
-    warm = np.asarray(run(*by_jump)).reshape(-1, 4, 3)
+    warm = in_the_loop(ours, legs, wrench, warm=True).force
     alone = np.asarray(cold(ours, legs, wrench).force)
     first = np.arange(len(upright)) < len(upright) // JUMPS
     part = lambda chosen, force: (*jax.tree.map(lambda x: np.asarray(x)[chosen], (legs, wrench)), force[chosen])  # noqa: E731
@@ -185,8 +202,7 @@ def test_residuals_tell_solved_from_unsolved(problems):
     """Cut short from a cold start, far beyond what the loop asks of it."""
     legs, wrench, _ = problems
     ours, weights = settings()
-    run = jax.jit(jax.vmap(lambda leg, b: distribute_forces(ours, init_distribution(), leg, b)[1]))
-    short = run(legs, wrench)
+    short = in_the_loop(ours, legs, wrench, warm=False)
     solved = np.asarray((short.step_left < 0.01) & (short.pull_left < 1e-4))
     excess = excess_cost(weights, legs, wrench, short.force, "random problems, cut short")
     assert 0.2 < solved.mean() < 1.0

@@ -1,6 +1,5 @@
 """The composed controller on a plant that shares no code with it: one rigid body on massless legs that do as told."""
 
-from functools import cache
 from typing import NamedTuple
 
 import jax
@@ -153,32 +152,40 @@ def _frame(R):
     return jnp.stack([x, jnp.array([-x[1], x[0], 0.0]), jnp.array([0.0, 0.0, 1.0])], 1)
 
 
-@cache
-def program(seconds):
-    def run(p, command):
-        feet = jnp.asarray(HIPS) + jnp.array([[0.0, 0.0, RADIUS]])
-        zero, up = jnp.zeros(3), jnp.array([0.0, 0.0, 0.44])
-        body = Body(up, jnp.eye(3), zero, zero, feet, jnp.ones(4))
-        state = locomotion.init(GEOMETRY, robot_state(body))
-
-        def tick(carry, k):
-            state, body = carry
-            robot = robot_state(body)
-            time = k.astype(jnp.float32) * PERIOD
-            state, targets, info = locomotion.step(p, GEOMETRY, state, robot, command, time, jnp.float32(PERIOD))
-            told = info.foot.position + jnp.array([[0.0, 0.0, RADIUS]])
-            after = move(body, robot, info, told)
-            return (state, after), (after, info, targets)
-
-        return jax.lax.scan(tick, (state, body), jnp.arange(round(seconds / PERIOD)))[1]
-
-    return jax.jit(run)
+@jax.jit
+def begin():
+    """Controller and body before the first tick."""
+    feet = jnp.asarray(HIPS) + jnp.array([[0.0, 0.0, RADIUS]])
+    zero, up = jnp.zeros(3), jnp.array([0.0, 0.0, 0.44])
+    body = Body(up, jnp.eye(3), zero, zero, feet, jnp.ones(4))
+    return locomotion.init(GEOMETRY, robot_state(body)), body
 
 
-def walk(p, heading=0.0, lateral=0.0, turning=0.0, seconds=5.0):
+@jax.jit
+def second(p, command, carry, ticks):
+    """One second of the closed loop: motions of any length share its program."""
+
+    def tick(carry, k):
+        state, body = carry
+        robot = robot_state(body)
+        time = k.astype(jnp.float32) * PERIOD
+        state, targets, info = locomotion.step(p, GEOMETRY, state, robot, command, time, jnp.float32(PERIOD))
+        told = info.foot.position + jnp.array([[0.0, 0.0, RADIUS]])
+        after = move(body, robot, info, told)
+        return (state, after), (after, info, targets)
+
+    return jax.lax.scan(tick, carry, ticks)
+
+
+def walk(p, heading=0.0, lateral=0.0, turning=0.0, seconds=5):
     command = VelocityCommand(*(jnp.float32(x) for x in (heading, lateral, turning)))
+    parts = []
     with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
-        return jax.tree.map(np.asarray, program(seconds)(p, command))
+        carry = begin()
+        for ticks in jnp.arange(seconds * round(1 / PERIOD)).reshape(seconds, -1):
+            carry, part = second(p, command, carry, ticks)
+            parts.append(jax.tree.map(np.asarray, part))
+    return jax.tree.map(lambda *pieces: np.concatenate(pieces), *parts)
 
 
 @pytest.mark.parametrize(
@@ -202,7 +209,7 @@ def test_the_mean_speed_is_learnt_where_footholds_miss_it(ahead):
     p = p._replace(foothold=p.foothold._replace(heading_offset=jnp.full(2, jnp.float32(ahead))))
     rate = VelocityCommand(*(jnp.float32(x) for x in (1.0, 0.0, 0.0)))
     trimmed = p._replace(velocity=p.velocity._replace(trim_rate=rate))
-    plain, learnt = (walk(q, heading=0.3, seconds=8.0)[0].v[-1280:, 0].mean() for q in (p, trimmed))
+    plain, learnt = (walk(q, heading=0.3, seconds=8)[0].v[-1280:, 0].mean() for q in (p, trimmed))
     assert abs(plain - 0.3) > 0.03, plain
     assert learnt == pytest.approx(0.3, abs=0.01)
 
