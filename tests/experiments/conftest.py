@@ -1,4 +1,4 @@
-"""A headless Chromium for the reports' tests, spoken to in the DevTools protocol over a pipe; a recorded gait."""
+"""A headless Chromium for the reports' tests, spoken to in the DevTools protocol over a pipe."""
 
 import itertools
 import json
@@ -136,30 +136,3 @@ def chromium(tmp_path_factory):
     browser = Chromium(program, tmp_path_factory.mktemp("profile"))
     yield browser
     browser.close()
-
-
-@pytest.fixture(scope="session")
-def trots():
-    """(definition, (score, ticks)) of a trot on the ideal drive with the robot's own, noisy senses, and of a candidate
-    whose legs give way at once, which no rounding delays; both in the trial of test_gait_benchmark.NOISE."""
-    import jax
-    import jax.numpy as jnp
-    import numpy as np
-
-    from experiments.imu_sensing import make_sensing
-    from experiments.model import nominal_model
-    from experiments.plant import make_plant
-    from experiments.rollout import Rollout
-    from experiments.tasks.definition import load_task
-    from experiments.tasks.registry import make_task
-    from experiments.trial import Trial, noise_table
-
-    model = nominal_model()
-    definition = load_task("walking_trot").model_copy(update={"duration": 4.0})
-    task = make_task(definition, model)
-    rollout = Rollout(make_plant(model, "ideal"), task, make_sensing("estimated", model))
-    values = np.stack([definition.space().initial] * 2)
-    values[1, definition.space().names.index("torso_height")] = -1.0
-    noise = Trial({"sensor_noise": jnp.float32(1.0)}, noise_table(), jnp.int32(7))
-    run = jax.jit(jax.vmap(lambda v: rollout.record(rollout.plant.params, task.settings, v, noise)))
-    return definition, jax.tree.map(np.asarray, run(jnp.asarray(values)))

@@ -1,4 +1,4 @@
-"""The benchmark of the gaits: its disturbances by hand, its trials against the search's rollout, report and command."""
+"""The benchmark of the gaits: its disturbances by hand, its motions by name, and its command."""
 
 import json
 from importlib import resources
@@ -12,17 +12,14 @@ from typer.testing import CliRunner
 from experiments.errors import UserError
 from experiments.gait_benchmark import disturbances
 from experiments.gait_benchmark.disturbances import SWEEPS, drawn, nominal, swept
-from experiments.gait_benchmark.run import GaitResult, find_motions
-from experiments.gait_benchmark.trials import GaitTrials, cases, flight_phases, gait_settings, joined
+from experiments.gait_benchmark.run import find_motions
+from experiments.gait_benchmark.trials import cases, flight_phases, gait_settings, joined
 from experiments.model import nominal_model
 from experiments.parameter_file import checksum
-from experiments.recording import gait_record
-from experiments.reports.gait_benchmark import write_gait_benchmark_report
 from experiments.tasks.definition import load_task
 
 MODEL = nominal_model()
 TRIALS, STRIDE = 8, 0.8
-NOISE = {"sensor_noise": np.ones(1, np.float32)}, np.full(1, 7, np.int32)  # the trial of the fixture `trots`
 
 
 @pytest.fixture(scope="module")
@@ -91,25 +88,6 @@ def test_flights_are_stretches_but_no_flicker() -> None:
     np.testing.assert_allclose(duration, [0.025, np.nan, 0.08])
 
 
-def test_trials_in_seconds_are_the_searchs_rollout_and_a_fallen_one_stays_fallen(trots) -> None:
-    definition, (score, ticks) = trots
-    guess = definition.space().initial
-    hopeless = guess.copy()
-    hopeless[definition.space().names.index("torso_height")] = -1.0
-    trials = GaitTrials(MODEL, definition, devices=1, drive="ideal", chunk=3)
-    good, bad = (gait_settings(definition, MODEL, values) for values in (guess, hopeless))
-    # the third ends in the middle of a second: from then on nothing counts
-    outcome = trials.run(joined([cases(good, *NOISE, 4.0), cases(bad, *NOISE, 4.0), cases(good, *NOISE, 2.6)]))
-    np.testing.assert_array_equal(outcome.survived, [1.0, 0.0, 1.0])
-    assert outcome.speed[0, 0] == pytest.approx(score.metrics["heading_speed"][0], abs=0.01)
-    assert outcome.flight_fraction[0] == pytest.approx(score.metrics["flight_fraction"][0], abs=0.01)
-    assert outcome.tally.upright[1] == pytest.approx(score.metrics["upright_time"][1], abs=0.01)
-    record = gait_record(jax.tree.map(lambda x: x[0], ticks), "ideal")
-    here = (record.time >= trials.rollout.task.settled) & (record.time < 2.6 - 1e-6)
-    assert outcome.tally.time[2] == pytest.approx(here.sum() * 0.0025, abs=0.005)
-    assert outcome.speed[2, 0] == pytest.approx(record.velocity[here, 0].mean(), abs=0.02)
-
-
 def test_gaits_are_found_by_name_and_others_refused(tmp_path: Path) -> None:
     (motion,) = find_motions(["walking_trot"], MODEL)
     assert motion.definition.task == "walking_trot"
@@ -129,35 +107,6 @@ def test_a_gait_tuned_with_an_own_task_file_is_measured_on_it(tmp_path: Path) ->
         find_motions([str(path)], MODEL)
     (motion,) = find_motions([str(path)], MODEL, str(own))
     assert motion.definition == longer and motion.file.values() == shipped.file.values()
-
-
-def figures(gait: str, survived: int) -> dict:
-    """A gait's figures as the benchmark gives them."""
-    points = [
-        {"level": x, "trials": 4, "survived": 4 - k // 2, "interval": [0.2, 1.0]}
-        for k, x in enumerate(SWEEPS[0].levels)
-    ]
-    return {
-        "gait": gait, "stride": 0.8, "cycles": 20, "trials": 100, "survived": survived, "survived_interval": [0.9, 1.0],
-        "initial_guess_survived": 3, "speed_commanded": 0.4, "speed_reached": 0.38, "flight_fraction": 0.0,
-        "flight_duration": None, "flights_per_stride": 0.0, "nominal_speed": 0.39,
-        "mujoco_c": {"survived": True, "speed": 0.4, "speed_ratio": 1.02},
-        "sweeps": [{"disturbance": "push", "unit": "N", "asked": 100.0, "points": points}],
-    }  # fmt: skip
-
-
-def test_report_shows_figures_curves_and_the_gait_in_a_browser(trots, chromium, tmp_path: Path) -> None:
-    record = gait_record(jax.tree.map(lambda x: x[0], trots[1][1]), "ideal")
-    results = [GaitResult(figures("walking_trot", 100), record), GaitResult(figures("bound", 90), None)]
-    page = tmp_path / "report.html"
-    write_gait_benchmark_report(page, results, MODEL.numbers, "starleth bench gaits")
-    chromium.open(page)
-    chromium.wait_for("document.querySelectorAll('.plot .main-svg').length >= 2")
-    assert chromium.problems == []
-    text = " ".join(chromium.evaluate("document.body.innerText").split())
-    for words in ("100 of 100", "90 of 100", "102 % of the speed", "Survival over the disturbance", "MuJoCo C"):
-        assert words in text, words
-    assert chromium.evaluate("document.querySelectorAll('canvas').length") >= 1
 
 
 @pytest.mark.slow
