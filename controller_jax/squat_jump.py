@@ -12,7 +12,6 @@ import jax.numpy as jnp
 
 from controller_jax.force_distribution import (
     ITERATIONS,
-    DistributionState,
     Iterations,
     distribute_forces,
     init_distribution,
@@ -23,31 +22,13 @@ from controller_jax.leg_kinematics import inverse_kinematics, leg_kinematics
 from controller_jax.periodic_splines import Curve, quintic
 from controller_jax.rotations import control_frame, mv
 from controller_jax.splines import quintic_spline
+from controller_jax.squat_jump_phases import CROUCH, FLIGHT, LANDING, LAUNCH, SquatJumpState, advance, settled
 from controller_jax.squat_jump_settings import SquatJumpParams, SquatJumpSettings
 from controller_jax.torso_motion import TorsoTarget
 from controller_jax.types import Array, JointTargets, LegGeometry, RobotState
-from controller_jax.virtual_model import Gains, Integrals, init_integrals, virtual_model
+from controller_jax.virtual_model import Gains, init_integrals, virtual_model
 
-CROUCH: Final = 0.0
-LAUNCH: Final = 1.0
-FLIGHT: Final = 2.0
-LANDING: Final = 3.0
-
-RISING: Final = 0.2  # m/s upwards: feet without load below this are no take-off
 LEAST_ROOM: Final = 0.02  # m for the deceleration, however low the touch-down
-OVERTIME: Final = 0.1  # s after the launch window for a take-off; later the robot just stands up
-
-
-class SquatJumpState(NamedTuple):
-    """What the scan carries."""
-
-    phase: Array  # () CROUCH, LAUNCH, FLIGHT or LANDING
-    phase_start: Array  # () s
-    landed: Array  # (4,) 1.0 from a leg's first touch after the flight on
-    ground: Array  # () height of the ground under the feet, world, m
-    entry: Array  # (2,) height above ground, m, and its rate, m/s, when the phase began
-    integrals: Integrals
-    distribution: DistributionState
 
 
 class SquatJumpInfo(NamedTuple):
@@ -98,7 +79,7 @@ def step(
     geometry = settings.geometry
     legs = leg_kinematics(geometry, robot.q)
     feet_W = robot.r_WB[None] + mv(robot.R_WB[None], legs.r_BF_B)
-    state = _advance(settings, params, state, robot, feet_W, time)
+    state = advance(settings, state, robot, feet_W, time)
     elapsed = time - state.phase_start
     flying = (state.phase == FLIGHT).astype(jnp.float32)
     support = state.landed * (1.0 - flying)
@@ -107,8 +88,8 @@ def step(
     target = _torso_target(state, robot, feet_W, support, height)
     R_WC = control_frame(robot.R_WB, jnp.array([0.0, 0.0, 1.0]))
     gains = _gains(settings, params, state)
-    settled = _settled(settings, state, elapsed)
-    learning = settings.control_period * settled
+    still = settled(settings, state, elapsed)
+    learning = settings.control_period * still
     integrals, wrench = virtual_model(
         gains, settings.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, learning
     )
@@ -123,7 +104,7 @@ def step(
     tangential = jnp.sqrt(forces.force[:, 0] ** 2 + forces.force[:, 1] ** 2 + 1e-12)
     info = SquatJumpInfo(
         phase=state.phase,
-        settled=settled,
+        settled=still,
         height=robot.r_WB[2] - state.ground,
         desired_height=height.value,
         support=support,
@@ -137,39 +118,6 @@ def step(
         pull_left=forces.pull_left,
     )
     return state._replace(integrals=integrals, distribution=distribution), targets, info
-
-
-def _advance(
-    settings: SquatJumpSettings,
-    params: SquatJumpParams,
-    state: SquatJumpState,
-    robot: RobotState,
-    feet_W: Array,
-    time: Array,
-) -> SquatJumpState:
-    """Change of phase, contact and height of the ground."""
-    phase, elapsed = state.phase, time - state.phase_start
-    touching = robot.contact.max() > 0.0
-    rate = robot.v_WB[2]
-    launch = (phase == CROUCH) & (time >= settings.crouch_time)
-    leave = (phase == LAUNCH) & ~touching & (rate > RISING)
-    touch = (phase == FLIGHT) & touching & (rate < 0.0)
-    stay = (phase == LAUNCH) & (elapsed > settings.launch_time + OVERTIME) & ~leave
-    changed = launch | leave | touch | stay
-    phase = jnp.where(launch, LAUNCH, jnp.where(leave, FLIGHT, jnp.where(touch | stay, LANDING, phase)))
-
-    landed = jnp.where(leave, 0.0, jnp.where(phase == LANDING, jnp.maximum(state.landed, robot.contact), state.landed))
-    standing = landed.sum()
-    soles = (landed * feet_W[:, 2]).sum() / jnp.maximum(standing, 1.0) - settings.geometry.foot_radius
-    ground = jnp.where(standing > 0.0, soles, state.ground)
-    entry = jnp.stack([robot.r_WB[2] - ground, rate])
-    return state._replace(
-        phase=phase,
-        phase_start=jnp.where(changed, time, state.phase_start),
-        landed=landed,
-        ground=ground,
-        entry=jnp.where(changed, entry, state.entry),
-    )
 
 
 def _desired_height(
@@ -224,12 +172,6 @@ def _gains(settings: SquatJumpSettings, params: SquatJumpParams, state: SquatJum
     vertical = jnp.where(state.phase == LAUNCH, params.vertical_damping, before.force_d[2])
     before = before._replace(force_d=jnp.stack([before.force_d[0], before.force_d[1], vertical]))
     return Gains(*(jnp.where(state.phase == LANDING, b, a) for a, b in zip(before, after, strict=True)))
-
-
-def _settled(settings: SquatJumpSettings, state: SquatJumpState, elapsed: Array) -> Array:
-    """1.0 in the crouch, and when the robot stands again."""
-    settled = (state.phase == CROUCH) | ((state.phase == LANDING) & (elapsed > settings.rise_time))
-    return settled.astype(jnp.float32)
 
 
 def _targets(geometry: LegGeometry, torque: Array, foot_below_hip: Array, support: Array) -> JointTargets:

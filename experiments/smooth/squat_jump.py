@@ -18,7 +18,8 @@ from controller_jax.leg_kinematics import inverse_kinematics, leg_kinematics
 from controller_jax.periodic_splines import Curve
 from controller_jax.rotations import control_frame, cross, mv
 from controller_jax.splines import quintic_spline
-from controller_jax.squat_jump import OVERTIME, RISING, under_hips
+from controller_jax.squat_jump import under_hips
+from controller_jax.squat_jump_phases import OVERTIME, RISING
 from controller_jax.squat_jump_settings import SquatJumpParams, SquatJumpSettings
 from controller_jax.torso_motion import TorsoTarget
 from controller_jax.types import JointTargets, RobotState

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from controller_jax import squat_jump
 from controller_jax.geometry import geometry_from_numbers
-from controller_jax.squat_jump import OVERTIME
+from controller_jax.squat_jump_phases import FLIGHT, LANDING, OVERTIME
 from controller_jax.squat_jump_settings import SquatJumpParams, SquatJumpSettings, default_settings
 from controller_jax.types import JointTargets, LegGeometry, RobotState
 from experiments.errors import UserError
@@ -114,8 +114,8 @@ class SquatJumpTask:
         q = tick.after.bodies.q
         pressed = (bodies.contact_force**2).sum(-1) >= self.contact_force**2
         aloft = 1.0 - as_float(pressed.any())
-        flying = as_float(info.phase == squat_jump.FLIGHT)
-        landing = as_float(info.phase == squat_jump.LANDING)
+        flying = as_float(info.phase == FLIGHT)
+        landing = as_float(info.phase == LANDING)
         took_off = as_float((flying + tally.flight) > 0)
         leg = leg_lengths(self.settings.geometry, q, bodies.r_WF).mean()
         slide = (jnp.sqrt((bodies.slip_velocity[:, :2] ** 2).sum(-1) + 1e-12) * as_float(pressed)).sum()

@@ -10,7 +10,7 @@ import pytest
 from reference_robot import GEOMETRY, LEGS, reference_model
 
 from controller_jax import squat_jump
-from controller_jax.squat_jump import CROUCH, FLIGHT, LANDING, LAUNCH
+from controller_jax.squat_jump_phases import CROUCH, FLIGHT, LANDING, LAUNCH
 from controller_jax.squat_jump_settings import SquatJumpParams, default_settings
 from controller_jax.types import RobotState
 
