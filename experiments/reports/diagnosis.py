@@ -6,7 +6,8 @@ from experiments.measurement.diagnose import Diagnosis
 from experiments.measurement.linear_score import best_of_each
 from experiments.measurement.verdict import refitted_rms
 from experiments.reports.diagnosis_figures import ladder, maps, signals, spectra
-from experiments.reports.page import Block, Card, Cards, Section, Table, Text, number, write_report
+from experiments.reports.numbers import number
+from experiments.reports.page import Block, Card, Cards, Section, Table, Text, write_report
 
 RANKED = 12
 

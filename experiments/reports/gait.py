@@ -8,7 +8,8 @@ import numpy as np
 from experiments.parameter_schema import ParameterFile
 from experiments.reports import gait_figures, motion_figures, search_figures
 from experiments.reports.figures import phase_spans
-from experiments.reports.page import Block, Cards, Figure, Section, Text, minus, number, percent, write_report
+from experiments.reports.numbers import minus, number, percent
+from experiments.reports.page import Block, Cards, Figure, Section, Text, write_report
 from experiments.reports.parameters import Headlines, gate_card, metric_cards, one_line, parameter_table, provenance
 from experiments.reports.playback import Playback, Track
 from experiments.reports.recording import GaitRecord, History

@@ -11,19 +11,8 @@ from experiments.gait_benchmark.run import GaitResult
 from experiments.reports import gait_figures
 from experiments.reports.figures import BLUE, GOLD, GREEN, GREY, ORANGE, PURPLE, faded, new_figure
 from experiments.reports.gait import last_strides
-from experiments.reports.page import (
-    Block,
-    Card,
-    Cards,
-    Code,
-    Figure,
-    Section,
-    Table,
-    Text,
-    number,
-    percent,
-    write_report,
-)
+from experiments.reports.numbers import number, percent
+from experiments.reports.page import Block, Card, Cards, Code, Figure, Section, Table, Text, write_report
 from experiments.reports.playback import Playback, Track
 from mjx_starleth.numbers import RobotNumbers
 

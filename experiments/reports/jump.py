@@ -8,19 +8,8 @@ import numpy as np
 from experiments.parameter_schema import ParameterFile
 from experiments.reports import motion_figures, search_figures
 from experiments.reports.figures import phase_spans
-from experiments.reports.page import (
-    Block,
-    Card,
-    Cards,
-    Figure,
-    Section,
-    Table,
-    Text,
-    minus,
-    number,
-    percent,
-    write_report,
-)
+from experiments.reports.numbers import minus, number, percent
+from experiments.reports.page import Block, Card, Cards, Figure, Section, Table, Text, write_report
 from experiments.reports.parameters import Headlines, gate_card, metric_cards, one_line, parameter_table, provenance
 from experiments.reports.playback import Playback, Track
 from experiments.reports.recording import (

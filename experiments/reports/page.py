@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Literal, Protocol
 
 import plotly.graph_objects as go
 from jinja2 import Environment, StrictUndefined
@@ -24,8 +24,6 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from experiments.files import write_text
-
-DASH: Final = "–"
 
 
 class Block(Protocol):
@@ -218,34 +216,6 @@ def embedded_json(content: Any) -> Markup:
     """JSON that is safe inside a <script> element: no tag can end or begin in it."""
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
     return Markup(text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029"))
-
-
-def number(value: float, digits: int = 3) -> str:
-    """A number for people: `digits` significant figures, a true minus sign, no exponent where avoidable."""
-    if value != value:
-        return DASH
-    if value == 0:
-        return "0"
-    text = f"{value:.{digits}g}"
-    if "e" in text and 1e-4 <= abs(value) < 1e7:
-        text = f"{value:.0f}"
-    elif "e" in text:
-        mantissa, exponent = text.split("e")
-        text = f"{mantissa}·10{str(int(exponent)).translate(_SUPERSCRIPT)}"
-    return minus(text)
-
-
-def minus(text: str) -> str:
-    """With true minus signs."""
-    return text.replace("-", "\N{MINUS SIGN}")
-
-
-def percent(share: float, decimals: int = 0) -> str:
-    """A share for people: '12 %'."""
-    return f"{100 * share:.{decimals}f}\N{NO-BREAK SPACE}%"
-
-
-_SUPERSCRIPT: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def resource(name: str) -> str:

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 
 from experiments.parameter_schema import ParameterFile
-from experiments.reports.page import Block, Card, Code, Columns, Range, Table, minus, number, percent
+from experiments.reports.numbers import minus, number, percent
+from experiments.reports.page import Block, Card, Code, Columns, Range, Table
 
 Headlines = Mapping[str, tuple[str, float, str, str]]
 """Metric -> label, factor to the unit shown, unit shown, format."""

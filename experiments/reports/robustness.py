@@ -7,19 +7,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from experiments.reports.figures import BLUE, FORBIDDEN, GREEN, GREY, ORANGE, RED, faded, new_figure
-from experiments.reports.page import (
-    Block,
-    Card,
-    Cards,
-    Code,
-    Figure,
-    Section,
-    Table,
-    Text,
-    number,
-    percent,
-    write_report,
-)
+from experiments.reports.numbers import number, percent
+from experiments.reports.page import Block, Card, Cards, Code, Figure, Section, Table, Text, write_report
 from experiments.robustness.file import RobustnessFile, Sensitivity, SurvivalCurve
 from experiments.robustness.statistics import dependence
 from experiments.robustness.store import DRAWN

@@ -6,7 +6,8 @@ from typing import Any
 
 from experiments.model import Model
 from experiments.parameter_schema import ParameterFile
-from experiments.reports.page import Card, Cards, Code, Section, Table, number, write_report
+from experiments.reports.numbers import number
+from experiments.reports.page import Card, Cards, Code, Section, Table, write_report
 from experiments.reports.playback import Playback, Track
 from experiments.rollout import Tick
 from mjx_starleth.terrain import Terrain

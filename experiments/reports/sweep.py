@@ -7,7 +7,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from experiments.reports.figures import BLUE, GOLD, GREEN, ORANGE, PURPLE, RED, new_figure
-from experiments.reports.page import Block, Card, Cards, Figure, Section, Table, Text, number, percent, write_report
+from experiments.reports.numbers import number, percent
+from experiments.reports.page import Block, Card, Cards, Figure, Section, Table, Text, write_report
 from experiments.sweep.collect import Row, best_rows, shared_metrics
 from experiments.sweep.definition import label
 

@@ -12,18 +12,8 @@ import pytest
 from experiments.errors import UserError
 from experiments.parameter_file import now, write_parameters
 from experiments.reports.jump import write_jump_report
-from experiments.reports.page import (
-    Card,
-    Cards,
-    Code,
-    Figure,
-    Section,
-    Table,
-    Text,
-    number,
-    render_report,
-    write_report,
-)
+from experiments.reports.numbers import number
+from experiments.reports.page import Card, Cards, Code, Figure, Section, Table, Text, render_report, write_report
 from experiments.reports.playback import Playback, Track, frames, leg_points
 from experiments.reports.recording import History, JumpRecord, Sensitivity, saturations
 from mjx_starleth.mjcf import mjcf
