@@ -27,12 +27,6 @@ class TerrainParams(NamedTuple):
     time_constant: Array  # () s
 
 
-def level_ground(height: Array) -> Plane:
-    """Horizontal plane at a height (), m."""
-    up = jnp.array([0.0, 0.0, 1.0], jnp.float32)
-    return Plane(up, height * up)
-
-
 def fit_plane(footholds_W: Array) -> Plane:
     """Plane with the least squared vertical distance to the footholds (4, 3), through their mean."""
     mean = footholds_W.mean(0)

@@ -128,10 +128,6 @@ class Log:
         table = self.signals.get(signal)
         return None if table is None else table.column(name)
 
-    def with_signals(self, signals: Mapping[str, SignalTable]) -> "Log":
-        """The same experiment with other tables (nothing else changed)."""
-        return replace(self, signals=dict(signals))
-
     def on_time(self, time: NDArray[np.float64], period: float, signals: Mapping[str, SignalTable]) -> "Log":
         """The same experiment on another time axis."""
         return replace(self, time=time, sample_period=period, signals=dict(signals))

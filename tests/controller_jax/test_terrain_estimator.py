@@ -37,7 +37,7 @@ def test_footholds_in_a_line_give_level_ground():
 def test_filter_has_its_time_constant():
     params, period = terrain.TerrainParams(jnp.float32(0.05)), jnp.float32(0.0025)
     footholds = jnp.asarray([[x, y, 0.1 * x + 0.3] for x, y in FEET], jnp.float32)
-    plane = terrain.level_ground(jnp.float32(0.0))
+    plane = terrain.Plane(jnp.array([0.0, 0.0, 1.0]), jnp.zeros(3))
     for _ in range(20):  # one time constant
         plane = terrain.estimate(params, plane, footholds, period)
     remaining = np.exp(-1.0)

@@ -9,7 +9,7 @@ from scipy.interpolate import BPoly, CubicSpline
 from controller_jax import torso_motion as torso
 from controller_jax.gait import GaitPattern, LegPhases, ReducedGait, full_pattern, leg_phases
 from controller_jax.periodic_splines import Curve, polyharmonic, quintic
-from controller_jax.terrain_estimator import Plane, level_ground
+from controller_jax.terrain_estimator import Plane
 from controller_jax.velocity_command import VelocityCommand
 
 GRAVITY = 9.81
@@ -115,7 +115,7 @@ LEVEL = np.eye(3)
 def target(params_, pattern_, phase, feet, plane=None, r_WB=(0, 0, 0.44), command=(0, 0, 0), R=LEVEL):
     f = lambda x: jnp.asarray(x, jnp.float32)  # noqa: E731
     phase = f(phase)
-    plane = plane or level_ground(f(0.0))
+    plane = plane or Plane(f([0, 0, 1]), f([0, 0, 0]))
     command = VelocityCommand(*map(f, command))
     phases = leg_phases(pattern_, phase)
     return torso.torso_target(params_, pattern_, phases, phase, f(feet), plane, f(r_WB), f(R), command, f(GRAVITY))

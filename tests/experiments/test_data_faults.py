@@ -50,7 +50,7 @@ def with_columns(log: Log, signals: tuple[str, ...], names: tuple[str, ...], cha
         chosen = [table.names.index(name) for name in names or table.names]
         values[:, chosen] = change(values[:, chosen])
         tables[signal] = SignalTable(table.names, values)
-    return log.with_signals(tables)
+    return replace(log, signals=tables)
 
 
 def with_rows(log: Log, rows: np.ndarray, renumbered: bool) -> Log:
@@ -152,7 +152,7 @@ def test_legs_that_move_alike_without_noise_are_no_copies(air: Log) -> None:
     tables = {
         signal: SignalTable(table.names, table.values[:, np.arange(12) % 3]) for signal, table in air.signals.items()
     }
-    alike = air.with_signals(tables)
+    alike = replace(air, signals=tables)
     assert list(copied_columns(replace(alike, noise_std={}))) == []
     assert len(list(copied_columns(alike))) == 1
 

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -107,7 +108,7 @@ def test_an_even_log_is_left_alone_and_single_holes_are_filled(log: Log) -> None
     torque = log.signals["joint_torque"]
     values = torque.values.copy()
     values[100, 3] = np.nan
-    filled = resample(log.with_signals(dict(log.signals) | {"joint_torque": SignalTable(torque.names, values)}))
+    filled = resample(replace(log, signals=dict(log.signals) | {"joint_torque": SignalTable(torque.names, values)}))
     neighbours = values[[99, 101], 3]
     assert neighbours.min() <= filled.joints("joint_torque")[100, 3] <= neighbours.max()
 
