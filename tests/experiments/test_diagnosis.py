@@ -32,6 +32,7 @@ def diagnosed(folder: Path, case: Case) -> Diagnosis:
     return diagnose([log], model, library_for(model, LIBRARY), lambda text: None)
 
 
+@pytest.mark.slow  # the robot that is ten percent off asks more of the diagnosis
 def test_a_robot_without_a_hidden_effect_lacks_nothing(tmp_path) -> None:
     found = diagnosed(tmp_path, Case("air", seed=3, duration=DURATION))
     assert found.verdict == "none" and found.answer["effects"] == []
