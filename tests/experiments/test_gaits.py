@@ -1,6 +1,7 @@
 """Gaits as tasks: their files, how they start, what strides show, and the found parameters."""
 
 import json
+from functools import partial
 from importlib import resources
 from pathlib import Path
 
@@ -112,7 +113,7 @@ def test_a_gait_starts_with_its_feet_on_the_ground_below_the_hips(slope, share) 
     settings = task.settings._replace(controller=task.settings.controller._replace(torso=torso))
     trial = Trial({"slope_x": jnp.float32(slope[0]), "slope_y": jnp.float32(slope[1])}, noise_table(), jnp.int32(0))
     params = trial.apply(plant, plant.params)
-    state, _ = task.start(plant, params, settings, jnp.zeros(18), trial)
+    state, _ = jax.jit(partial(task.start, plant))(params, settings, jnp.zeros(18), trial)
     q, normal = np.asarray(state.bodies.q, float), np.asarray(params.bodies.terrain.normal, float)
     model = mujoco.MjModel.from_xml_string(mjcf(MODEL.numbers))
     data = mujoco.MjData(model)
