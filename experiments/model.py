@@ -100,10 +100,15 @@ def load_model(path: Path | None, effects: dict[str, Effect] = LIBRARY) -> Model
         raise UserError(f"{shown(path)} is not a model file: it must hold a JSON object.")
     if "bodies" in content and "drive" in content:
         content = {"schema_version": SCHEMA_VERSION, "numbers": content}
-    if content.get("schema_version") != SCHEMA_VERSION:
+    if "schema_version" not in content:
         raise UserError(
-            f"{shown(path)} has model schema version {shown(str(content.get('schema_version')))}; this program reads "
-            f"{SCHEMA_VERSION}."
+            f"{shown(path)} is neither a model file nor a robot's numbers; give one that `starleth learn` wrote, or "
+            "numbers in the form of mjx_starleth/starleth.json."
+        )
+    if content["schema_version"] != SCHEMA_VERSION:
+        raise UserError(
+            f"{shown(path)} has model schema version {shown(str(content['schema_version']))}; this program reads "
+            f"{SCHEMA_VERSION}: learn it again with `starleth learn`."
         )
     try:
         model = Model.model_validate(content)

@@ -12,8 +12,8 @@ from mjx_starleth.terrain import Terrain, plane
 Array = jax.Array
 
 # No value is published. As stiff as the drive's own knee stop, with enough damping not to bounce.
-STOP_STIFFNESS = 300.0
-STOP_DAMPING = 2.0
+STOP_STIFFNESS = 300.0  # N m/rad
+STOP_DAMPING = 2.0  # N m s/rad
 
 
 class BodyParams(NamedTuple):

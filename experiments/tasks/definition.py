@@ -86,7 +86,10 @@ class TaskDefinition(Strict):
     def with_generations(self, total: int) -> "TaskDefinition":
         """The stages shortened or stretched to `total` generations, in proportion, one at least."""
         if total < len(self.stages):
-            raise UserError(f"{total} generations are too few: this task has {len(self.stages)} stages; give it more.")
+            least = len(self.stages)
+            raise UserError(
+                f"{total} generations are too few for the {least} stages of this task; give {least} or more."
+            )
         now = sum(stage.generations for stage in self.stages)
         counts = [max(1, total * stage.generations // now) for stage in self.stages]
         counts[-1] += total - sum(counts)
