@@ -1,5 +1,6 @@
 """From what distributions the numbers of perturbed trials are drawn: a readable file, and the drawing itself."""
 
+import os
 import zlib
 from collections.abc import Mapping, Sequence
 from importlib import resources
@@ -140,6 +141,8 @@ def load_perturbations(
     if name in SHIPPED:
         with resources.as_file(resources.files("experiments") / SHIPPED[name]) as default:
             return parse_perturbations(read_json(default, MAX_BYTES), f"the perturbations '{name}'", model, library)
+    if not os.path.exists(name):  # Path.exists raises for a name too long
+        raise UserError(f"No perturbations '{shown(name)}'; choose {' or '.join(SHIPPED)}, or give a .json file.")
     return parse_perturbations(read_json(Path(name), MAX_BYTES), shown(name), model, library)
 
 

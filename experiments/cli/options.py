@@ -55,11 +55,10 @@ def start_jax(devices: int | None = None) -> int:
     """
     import jax
 
-    count = devices or available_cores()
-    if count > 4 * available_cores():
-        raise UserError(
-            f"{count} devices are too many for {available_cores()} cores; use --devices {available_cores()}."
-        )
+    cores = available_cores()
+    count = devices or cores
+    if count > 4 * cores:
+        raise UserError(f"{count} devices are too many for this process's cores; use --devices {cores}.")
     jax.config.update("jax_num_cpu_devices", count)
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
         base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "starleth" / "jax"

@@ -37,7 +37,7 @@ def find_effect(name: str, effects: dict[str, Effect]) -> Effect:
 
 def _from_file(path: Path) -> tuple[Effect, ...]:
     if not path.is_file():
-        raise UserError(f"No effect file {shown(path)}.")
+        raise UserError(f"No effect file {shown(path)}; give the path of your Python file.")
     spec = importlib.util.spec_from_file_location(f"user_effect_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise UserError(f"{path} is not a Python file; an effect file ends in .py.")
