@@ -16,7 +16,6 @@ from mjx_starleth.bodies import Bodies, BodyInput, BodyOutput, BodyParams, BodyS
 from mjx_starleth.numbers import RobotNumbers
 from sea_jax import (
     DRIVES,
-    DriveHooks,
     DriveOutput,
     DriveParams,
     DriveState,
@@ -190,6 +189,3 @@ def make_plant(model: Model, drive: str = "full", library: dict[str, Effect] = L
     effects, effect_numbers, placements = activate(model.effects, library)
     params = PlantParams(params_from_numbers(numbers), bodies.params, effect_numbers)
     return Plant(bodies, drive, DRIVES[drive], periods, effects, params, model.numbers, placements)
-
-
-__all__ = ["DriveHooks", "Plant", "PlantInput", "PlantOutput", "PlantParams", "PlantState", "make_plant"]

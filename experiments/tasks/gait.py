@@ -1,4 +1,4 @@
-"""Periodic gaits as tasks (V.C.3): walk, trot, bound and pronk in the closed loop, with the paper's cost terms."""
+"""Periodic gaits as tasks (V.C.3): walk, trot, bound and pronk in the closed loop; gait_score.py judges them."""
 
 from dataclasses import dataclass, field
 
@@ -40,7 +40,7 @@ class GaitTask:
     name: str
     names: tuple[str, ...]  # of the searched parameters
     ticks: int
-    period: float
+    period: float  # s, of control
     contact_force: float  # N from which a foot counts as on the ground
     settings: GaitSettings
     weights: dict[str, float]
@@ -48,7 +48,7 @@ class GaitTask:
 
     @property
     def settled(self) -> float:
-        """Time from which the gait is judged: one second after the blend into it has ended."""
+        """Time [s] from which the gait is judged: one second after the blend into it has ended."""
         start = self.settings.controller.start
         return float(start.stand) + float(start.blend) + SETTLING_TIME
 

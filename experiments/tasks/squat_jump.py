@@ -78,7 +78,7 @@ class SquatJumpTask:
 
     name: str
     ticks: int
-    period: float
+    period: float  # s, of control
     contact_force: float  # N from which a foot counts as on the ground
     settings: SquatJumpSettings
     weights: dict[str, float]
