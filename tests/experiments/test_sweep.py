@@ -306,7 +306,7 @@ def test_a_member_called_like_a_script_is_only_text_in_the_report(tmp_path):
         (["sweep", "--task", "x", "--seeds", "a", "--output", "o"], "no number or range"),
         (["sweep", "--task", "no_such_task", "--output", "o"], "No task 'no_such_task'"),
         (["sweep", "--task", "squat_jump", "--model", "x.json", "--output", "o"], "x.json: no such file"),
-        (["sweep", "--task", "squat_jump", "--perturbations", "x", "--output", "o"], "cannot read x"),
+        (["sweep", "--task", "squat_jump", "--perturbations", "x", "--output", "o"], "No perturbations 'x'"),
         (["collect", "nowhere"], "nowhere holds no sweep"),
     ],
 )
