@@ -4,8 +4,11 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from typing import Final
 
+import numpy as np
+
 from experiments.measurement.links import Column, Columns, Link
-from experiments.measurement.matching import Match
+from experiments.measurement.matching import Array, Match
+from experiments.measurement.noise_floor import estimated
 from experiments.measurement.repairs import MEASURED
 
 _UNRELATED: Final = 0.8  # misfit at any gain and delay; a strong effect leaves less
@@ -33,8 +36,34 @@ def unrelated(links: Sequence[Link], matches: Sequence[Match], columns: Columns,
         others = {other for link, _ in mine for other in link.columns if other in of} - {column}
         apart = [[m for link, m in of[one] if _of_one_joint(link) and column not in link.columns] for one in others]
         holds = [min(misfits) <= _HOLDS for misfits in apart if misfits]
-        if holds and all(holds) and _is_unrelated([link for link, _ in mine], columns, period):
-            yield column
+        links_of_it = [link for link, _ in mine]
+        if holds and all(holds) and not _at_rest(column, links_of_it, columns, period):
+            if _is_unrelated(links_of_it, columns, period):
+                yield column
+
+
+def _at_rest(column: Column, links: Sequence[Link], columns: Columns, period: float) -> bool:
+    """Whether a column shows no more than its noise, and the others ask for no more: a spring that bears nothing."""
+    shown, mine = columns[column], [link for link in links if link.columns[0] == column]
+    return bool(mine) and all(
+        max(_beyond_noise(values, link, period) for values in (shown, link.parts(columns)[1][0]))
+        < estimated(shown[:, None]) * np.sqrt(_share(link, period))
+        for link in mine
+    )
+
+
+def _beyond_noise(values: Array, link: Link, period: float) -> float:
+    """RMS in a link's band of what values (T,) or (T, m) hold beside white noise; the largest column's."""
+    values = values.reshape(len(values), -1)
+    frequency = np.fft.rfftfreq(len(values), period)
+    here = (frequency > link.low) & (frequency <= link.high)
+    power = 2.0 * (np.abs(np.fft.rfft(values, axis=0)[here]) ** 2).sum(0) / len(values) ** 2
+    return float(np.sqrt(max((power - estimated(values) ** 2 * _share(link, period)).max(), 0.0)))
+
+
+def _share(link: Link, period: float) -> float:
+    """Of white noise's variance, what lies in a link's band."""
+    return min(2.0 * (link.high - link.low) * period, 1.0)
 
 
 def _is_unrelated(links: Sequence[Link], columns: Columns, period: float) -> bool:
