@@ -43,9 +43,14 @@ class Judged(NamedTuple):
         return int((self.trials.metrics["success"] > 0.5).sum())
 
     @property
+    def at_least(self) -> float:
+        """Success rate that they show with 95 % confidence."""
+        return success_interval(self.successes, len(self.trials.cost))[0]
+
+    @property
     def passed(self) -> bool:
-        """Whether they show the required success rate with 95 % confidence."""
-        return success_interval(self.successes, len(self.trials.cost))[0] >= self.required
+        """Whether that is the required one."""
+        return self.at_least >= self.required
 
 
 def export(

@@ -46,12 +46,15 @@ class SearchProgress(Bar):
         """One line about the result."""
         self.bar.update(self.task, description="done", completed=self.bar.tasks[0].total)
         self.bar.stop()
-        cost, success = float(judged.nominal.cost), float(judged.trials.metrics["success"].mean())
+        cost, trials = float(judged.nominal.cost), len(judged.trials.cost)
         apex = judged.nominal.metrics.get("apex_height")
         height = "" if apex is None else f"apex {float(apex):.3f} m, "
-        self.say(f"{height}cost {cost:.3f}; {success:.0%} of {len(judged.trials.cost)} perturbed trials succeed.")
+        self.say(f"{height}cost {cost:.3f}; {judged.successes} of {trials} perturbed trials succeed.")
         if not judged.passed:
-            self.say(f"NOT passed: the robustness gate of {judged.required:.0%}; the robot's reader refuses this file.")
+            self.say(
+                f"NOT passed: with 95 % confidence that shows a success rate of at least {judged.at_least:.1%}, and "
+                f"the robustness gate asks for {judged.required:.0%}; the robot's reader refuses this file."
+            )
         self.say(f"For the robot: {self.folder}/parameters.json   to look at: {self.folder}/report.html")
 
     def __exit__(self, kind, error, _) -> bool:

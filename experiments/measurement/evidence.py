@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.measurement.atoms import Atoms
+from experiments.measurement.blocks import BLOCK, add_products, sum_blocks
 from experiments.measurement.body_evidence import BODY_HOOKS, BodyEvidence
 from experiments.measurement.body_replay import DECIMATION, filter_window
 from experiments.measurement.drive_evidence import DRIVE_HOOKS, DriveEvidence
@@ -15,7 +16,6 @@ from experiments.measurement.features import Change, Products, Seeds
 from experiments.measurement.load_evidence import LoadEvidence
 from experiments.measurement.remembered import Remembered
 
-BLOCK = 0.5  # s: long against the residuals' correlation, short enough for many blocks in a log
 SHIFT_STEP = 1e-4  # rad
 SHIFT_PRIOR = 3e-4  # rad, standard deviation of what the first motor angle may be wrong by
 
@@ -243,21 +243,6 @@ def apart(joints: list[np.ndarray]) -> list[list[int]]:
         groups[g].append(i)
         taken[g] = taken[g] | mine
     return groups
-
-
-def add_products(gram: np.ndarray, columns: np.ndarray, index: np.ndarray, block: np.ndarray) -> None:
-    """Add the inner products of columns (k, rows, …) to gram (blocks, c, c) at these indices, block by block."""
-    for b in range(len(gram)):
-        m = columns[:, block == b].reshape(len(columns), -1).astype(float)
-        gram[b][np.ix_(index, index)] += m @ m.T
-
-
-def sum_blocks(rows: np.ndarray, block: np.ndarray, blocks: int) -> np.ndarray:
-    """Sums of rows (H, T) over each block: (H, blocks)."""
-    total = np.zeros((len(rows), blocks))
-    for lane, row in enumerate(rows):
-        total[lane] = np.bincount(block, row, minlength=blocks)
-    return total
 
 
 __all__ = ["DRIVE_CHANNELS", "Evidence", "Point"]

@@ -7,11 +7,12 @@ from experiments.effects.delay import LOOP_TIMING
 from experiments.effects.effect import Effect
 from experiments.errors import UserError
 from experiments.measurement.atoms import Atoms
+from experiments.measurement.blocks import BLOCK
 from experiments.measurement.body_evidence import body_evidence
 from experiments.measurement.drive_evidence import drive_evidence
 from experiments.measurement.drive_log import drive_log, has_drives
 from experiments.measurement.drive_of_bench import drive_of
-from experiments.measurement.evidence import BLOCK, Evidence
+from experiments.measurement.evidence import Evidence
 from experiments.measurement.joint_evidence import JointEvidence, joint_evidence
 from experiments.measurement.load_evidence import load_evidence
 from experiments.measurement.log import Log

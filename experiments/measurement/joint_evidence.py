@@ -11,7 +11,8 @@ from experiments.effects.bench import Scale, bench_effects, sized
 from experiments.effects.effect import Effect
 from experiments.errors import UserError
 from experiments.measurement.atoms import Atoms
-from experiments.measurement.evidence import BLOCK, Point, add_products, changed, sum_blocks
+from experiments.measurement.blocks import BLOCK, add_products, sum_blocks
+from experiments.measurement.evidence import Point, changed
 from experiments.measurement.features import Change, Products, Seeds
 from experiments.measurement.joint_replay import (
     STILL,

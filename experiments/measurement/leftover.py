@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.measurement.evidence import DRIVE_CHANNELS, Evidence, sum_blocks
+from experiments.measurement.blocks import sum_blocks
+from experiments.measurement.evidence import DRIVE_CHANNELS, Evidence
 from experiments.measurement.fit_types import Refitted
 from experiments.measurement.joint_evidence import JointEvidence
 

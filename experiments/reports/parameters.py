@@ -34,8 +34,8 @@ def gate_card(file: ParameterFile) -> list[Card]:
     gate = file.robustness_gate
     if gate is None:
         return []
-    low, high = gate.ci95
-    note = f"95 %: {percent(low, 1)} to {percent(high, 1)}; at least {percent(gate.required, 1)} required"
+    shown, required = percent(gate.ci95[0], 1), percent(gate.required, 1)
+    note = f"{gate.trials} trials show at least {shown} with 95 % confidence; required {required}"
     return [Card("Robustness gate", percent(gate.success_rate, 1), note=note, tone="good" if gate.passed else "bad")]
 
 
