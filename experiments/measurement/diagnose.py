@@ -17,7 +17,7 @@ from experiments.measurement.next_experiment import NextExperiment, next_experim
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom, timing, unmodelled
 from experiments.measurement.refit import refit
-from experiments.measurement.selection import NOISE, Selection, select
+from experiments.measurement.selection import NOISE, Selection, leaves_more, select
 from experiments.measurement.verdict import (
     Verdict,
     decide,
@@ -91,7 +91,7 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
             return numbers
     promising = PROMISING if len(evidence) == 1 else 0.0  # what explains one of several logs has to be refuted
     strict = select(evidence, given, say, 1, promising=promising, begun=strict.ladder[0])
-    if excess(evidence, strict.fit) <= WELL_EXPLAINED and above_floor(evidence, strict.fit) <= LEAST_GAIN:
+    if excess(evidence, strict.fit) <= WELL_EXPLAINED and not leaves_more(evidence, strict.fit):
         return strict
     say("trying again with nominal numbers that may be a little off")
     free = refit(evidence, (), freedom)

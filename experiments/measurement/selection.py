@@ -82,7 +82,7 @@ def select(
         begun = Rung("nominal model", fit, refit(logs, (), nominal, fit, train, SHORT_FIT))
     selection = Selection(begun.fit, nominal, Elsewhere(logs, nominal), ladder=[begun])
     while len(selection.fit.effects) < most and excess(logs, selection.fit) > least:
-        if selection.fit.effects and not _more(logs, selection):
+        if selection.fit.effects and not leaves_more(logs, selection.fit):
             break
         changes, variants = changes_of(logs[0].atoms.effects, logs, selection.fit.points)
         say(f"scoring {len(variants)} hypotheses at every place")
@@ -91,7 +91,7 @@ def select(
         ranking = scored_at(logs, products, selection.fit, nominal, changes, variants)
         selection.rankings.append(ranking)
         noise = weight_of(logs, all_blocks(logs))
-        worth = _more(logs, selection) or stands_out(ranking, logs)
+        worth = leaves_more(logs, selection.fit) or stands_out(ranking, logs)
         if ranking[0].gain < promising * (selection.fit.total - noise) or not worth:
             break
         round_ = Round(logs, nominal, changes, products, train, test, say)
@@ -119,9 +119,9 @@ def select(
     return selection
 
 
-def _more(logs: Sequence[Evidence], selection: Selection) -> bool:
-    """Whether the fit leaves anything above the floor that is worth an effect."""
-    return above_floor(logs, selection.fit) > max(LEAST_GAIN, LEAST_REST * weight_of(logs, all_blocks(logs)))
+def leaves_more(logs: Sequence[Evidence], fit: Refitted) -> bool:
+    """Whether a fit leaves anything above the floor that is worth an effect."""
+    return above_floor(logs, fit) > max(LEAST_GAIN, LEAST_REST * weight_of(logs, all_blocks(logs)))
 
 
 def stands_out(ranking: Sequence[Scored], logs: Sequence[Evidence]) -> bool:

@@ -23,7 +23,11 @@ def stages(monkeypatch: pytest.MonkeyPatch, excess: float, above: float) -> list
 
     stubs = {"select": select, "refit": lambda *_: None, "as_far_as_others": lambda freedom, _: freedom}
     stubs |= {"at_end": lambda *_: (), "nominal_freedom": lambda *_: (), "timing": lambda _: ()}
-    stubs |= {"above_floor": lambda *_: above, "excess": lambda *_: excess if len(calls) < 2 else excess / 2.0}
+    stubs |= {
+        "above_floor": lambda *_: above,
+        "leaves_more": lambda *_: above > LEAST_GAIN,
+        "excess": lambda *_: excess if len(calls) < 2 else excess / 2.0,
+    }
     for name, stub in stubs.items():
         monkeypatch.setattr(diagnose, name, stub)
     log = SimpleNamespace(standing=True, atoms=SimpleNamespace(effects=()))
