@@ -19,6 +19,7 @@ from experiments.measurement.torso_faults import torso_faults
 _BLOCK: Final = 4  # rows
 _MISSING_SHARE: Final = 0.01
 _STILL: Final = 5e-3  # rad (or m): a joint that stays within tells nothing, whatever its sensor's noise
+_HARDLY: Final = 4.0 * _STILL  # what the others of a kind that is held move by, at most
 _COMMANDED: Final = 0.05  # rad: a command that goes further than this should have moved the joint
 _WINDS_UP: Final = 0.9  # correlation of motor position and spring torque
 _SAME_MOTION: Final = 0.99  # correlation of an encoder in a wrong unit with the motor
@@ -31,7 +32,7 @@ def value_faults(log: Log, numbers: Mapping[str, Any]) -> Iterator[Fault]:
     yield from missing or _no_command(log)
     if missing:
         return
-    still = _still_joints(log)
+    still = _joints_within(log, _STILL)
     yield from _never_moves(log, still)
     for signal, table in log.signals.items():
         if is_measured(signal) and not (log.experiment == "fixed_base" and signal.startswith("base_")):
@@ -97,12 +98,13 @@ def _no_command(log: Log) -> Iterator[Fault]:
         )
 
 
-def _still_joints(log: Log) -> tuple[str, ...]:
+def _joints_within(log: Log, least: float) -> tuple[str, ...]:
+    """Joints that move by less than this [rad or m]."""
     q = log.joints("joint_position")
     if q is None:
         return ()
     logged = np.isfinite(q).any(0)
-    return tuple(np.array(log.joint_names)[logged & (_spread(q) < _STILL)])
+    return tuple(np.array(log.joint_names)[logged & (_spread(q) < least)])
 
 
 def _never_moves(log: Log, still: tuple[str, ...]) -> Iterator[Fault]:
@@ -117,7 +119,7 @@ def _never_moves(log: Log, still: tuple[str, ...]) -> Iterator[Fault]:
         where = listed(driven, log.joint_names)
         what = f"{where} never moved by its encoder though it was driven"
         yield Fault("joint_never_moves", where, f"{what}; free the joint or repair the encoder.")
-    elif idle and not all(_held_on_purpose(name, idle, log) for name in idle):
+    elif idle and not all(_held_on_purpose(name, log) for name in idle):
         where = listed(idle, log.joint_names)
         what = f"{where} never moved, so the log says nothing of friction, inertia or backlash there"
         yield Fault("joint_never_moves", where, f"{what}; move every joint that is to be judged.")
@@ -143,12 +145,13 @@ def _correlation(one: Array | None, other: Array | None) -> float:
     return float(np.corrcoef(one[there], other[there])[0, 1])
 
 
-def _held_on_purpose(name: str, idle: tuple[str, ...], log: Log) -> bool:
+def _held_on_purpose(name: str, log: Log) -> bool:
     """Whether its whole leg, or all joints of its kind, are held: done on purpose, unlike a joint here and there."""
+    hardly = _joints_within(log, _HARDLY)
     return any(
-        {other for other in log.joint_names if part in other.split("_")} <= set(idle)
+        {other for other in log.joint_names if part in other.split("_")} <= set(hardly)
         for part in name.split("_")
-        if len(idle) < len(log.joint_names)
+        if len(hardly) < len(log.joint_names)
     )
 
 

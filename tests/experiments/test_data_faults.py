@@ -125,6 +125,18 @@ def test_a_fault_of_columns_is_named(air: Log, signals, names, change, fault: st
     assert named in found[0].message
 
 
+@pytest.mark.parametrize(("fourth", "fault"), [(0.1, False), (1.0, True)])
+def test_hips_that_are_held_may_move_a_little(squat: Log, fourth: float, fault: bool) -> None:
+    """Of the hips, which move by 64 mrad, three by 4 mrad: at rest as the fourth is, or fast in their bearings."""
+
+    def scaled(share: float) -> Change:
+        return lambda values: values.mean(0) + share * (values - values.mean(0))
+
+    log = with_columns(squat, SENSORS, ("LF_HAA", "RF_HAA", "LH_HAA"), scaled(4.0 / 64.0))
+    found = check(with_columns(log, SENSORS, ("RH_HAA",), scaled(fourth)), NUMBERS)
+    assert ("joint_never_moves" in {f.fault for f in found}) == fault, found
+
+
 def test_missing_values_are_a_fault_in_a_block_and_bridged_one_by_one(air: Log) -> None:
     def holes(rows: slice) -> Log:
         def dig(values: np.ndarray) -> np.ndarray:
