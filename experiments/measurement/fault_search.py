@@ -41,6 +41,8 @@ _MENDED: Final = 0.1  # misfit that is left by the right repair; hysteresis and 
 _BROKEN: Final = 0.1  # misfit that exchanged, flipped and rescaled columns leave at least
 _ALL_EXPLAINED: Final = 0.9  # of what a repair can bring to the links that it touches
 _FURTHER_LAG: Final = 15.0  # nats by which a longer shift must beat one that an effect may have
+# A true shift brings 0.19 and more of what its links could gain; beside a delay of sensors others bring up to 0.13
+_LEAST_SHARE: Final = 0.17
 _AS_MUCH: Final = 5.0  # nats between shifts that explain the same
 _MOST_LAG: Final = 60.0  # samples searched
 _MOST_REPAIRS: Final = 40
@@ -195,7 +197,7 @@ class FaultSearch:
             if not better:
                 break
             finding = max(better, key=lambda one: one.nats)
-        if hypotheses.is_effect(finding.repair):
+        if hypotheses.is_effect(finding.repair) or finding.share < _LEAST_SHARE:
             return None
         short = [one.nats for late in hypotheses.EFFECT_LAGS if (one := tried(late))]
         if finding.nats - max(short, default=0.0) < _FURTHER_LAG:
