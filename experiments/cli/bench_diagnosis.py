@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.cli.options import SeedOption, available_cores, finite, start_jax
+from experiments.cli.options import SeedOption, available_cores, finite, start_jax, whole_loops
 
 HELP = """How often is the diagnosis right?
 
@@ -30,6 +30,7 @@ def diagnosis(
         "runs/bench_diagnosis"
     ),
 ) -> None:
+    whole_loops()
     start_jax()
     from rich.console import Console
     from rich.table import Table

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.cli.options import EffectsOption, ModelOption, start_jax
+from experiments.cli.options import EffectsOption, ModelOption, start_jax, whole_loops
 
 LogArgument = Annotated[Path, typer.Argument(help="A log: .csv, .csv.gz, .parquet or .npz, with its .json beside it.")]
 LogsArgument = Annotated[list[Path], typer.Argument(help="One or several logs.")]
@@ -51,6 +51,7 @@ def compare_command(
     columns: ColumnsOption = None,
     output: OutputOption = None,
 ) -> None:
+    whole_loops()
     start_jax()
     from experiments.cli.measuring_tables import show_comparison
     from experiments.measurement.compare import compare
@@ -80,6 +81,7 @@ def diagnose_command(
     columns: ColumnsOption = None,
     output: OutputOption = Path("diagnosis"),
 ) -> None:
+    whole_loops()
     start_jax()
     from experiments.measurement.diagnose import diagnose
     from experiments.measurement.intake import LogFault, read_checked
@@ -120,6 +122,7 @@ def learn_command(
     nominal: Annotated[bool, typer.Option("--nominal", help="Fit the robot's nominal numbers as well.")] = False,
     output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.")] = Path("model.json"),
 ) -> None:
+    whole_loops()
     start_jax()
     from experiments.cli.measuring_tables import fitted_lines
     from experiments.errors import UserError
