@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from sea_jax.control_period import signals_at
-from sea_jax.delay_line import LONGEST, delayed
+from sea_jax.delay_line import LONGEST, earlier, motion_later
 from sea_jax.electronics import back_emf
 from sea_jax.full_drive import watched_drive
 from sea_jax.motor import spring_on_link
@@ -42,7 +42,8 @@ class Timing(NamedTuple):
 
     loop_phase: Array  # s after the row's time at which its velocity loops run, 0 up to a period of theirs
     angle_lead: Array  # s by which the semi-implicit step's angle runs ahead; half a step against an exact plant
-    angle_delay: Array  # s by which the joint controllers see the replayed motor angle late
+    link_age: Array  # s by which the joint encoders' rows are late, up to LONGEST periods
+    drive_age: Array  # s by which the drive's own sensors are late, for the log and for the joint controllers
 
 
 class Trajectory(NamedTuple):
@@ -87,11 +88,14 @@ def replay(
     timing: without one, the loops run at the rows' times and the angle is that of the semi-implicit step.
     """
     still = jnp.zeros_like(start.motor_position)
-    timing = Timing(still, still, still) if timing is None else timing
+    timing = Timing(*(still,) * 4) if timing is None else timing
     # The drive's clock starts with its velocity loop: links are seen later than the row, sensors read before it.
     lead = timing.loop_phase + timing.angle_lead
-
-    row_ends = periods.velocity_steps * periods.current_steps - timing.loop_phase / periods.current
+    before = timing.loop_phase + timing.drive_age
+    whole = jnp.floor(before / periods.control)
+    read = before - whole * periods.control  # s before a row's end in the drive's clock at which its sensors are read
+    row_ends = periods.velocity_steps * periods.current_steps - read / periods.current
+    motion_of_rows = motion_later(rows.motion, timing.link_age, periods.control)
 
     def add_if_at_row(sensed, state, time):
         # between steps along straight lines; whole numbers, so that a step at the row is taken as it is
@@ -103,13 +107,16 @@ def replay(
         command, measurement, motion = inputs
         history = jnp.concatenate([seen.motor_position[:, None], past], 1)
         if own_motor_angle:
-            late = delayed(history, timing.angle_delay / periods.control)
-            measurement = measurement._replace(motor_position=late)
+            age = jnp.arange(LONGEST + 1, dtype=whole.dtype)[None]
+            measurement = measurement._replace(motor_position=jnp.where(age == whole[:, None], history, 0.0).sum(1))
         moved = (command, measurement, _later(motion, lead))
-        state, _, sensed = watched_drive(params, state, moved, hooks, periods, (still, still, still), add_if_at_row)
-        angle, velocity, current = sensed
+        begun = add_if_at_row((still, still, still), state, 0.0)
+        state, _, (angle, velocity, current) = watched_drive(
+            params, state, moved, hooks, periods, begun, add_if_at_row
+        )
         angle = angle - timing.angle_lead * velocity
-        end = signals_at(params, state, motion, periods.control, periods.current)
+        time = periods.control + timing.loop_phase - read
+        end = signals_at(params, state, motion, time, periods.current)
         end = end._replace(motor_position=angle, motor_velocity=velocity, current=current)
         torque, _, _ = spring_on_link(params, hooks, end, state.memory)
         return (state, Trajectory(angle, velocity, current, torque), history[:, :LONGEST]), seen
@@ -118,8 +125,8 @@ def replay(
     torque, _, _ = spring_on_link(params, hooks, signals_at(params, start, first, 0.0, periods.current), start.memory)
     seen = Trajectory(*_sensed(start), torque)
     past = jnp.repeat(seen.motor_position[:, None], LONGEST, 1)
-    _, trajectory = jax.lax.scan(row, (start, seen, past), tuple(rows))
-    return trajectory
+    _, trajectory = jax.lax.scan(row, (start, seen, past), tuple(rows._replace(motion=motion_of_rows)))
+    return Trajectory(*(earlier(rows, whole) for rows in trajectory))
 
 
 def _sensed(state: DriveState) -> tuple[Array, Array, Array]:

@@ -54,6 +54,11 @@ class ActiveEffects:
         """The equations at a hook as functions (value, signals, memory) -> (value, memory)."""
         return tuple(_with_memory(effect, equation, p) for effect, equation, p in self._at(hook, numbers))
 
+    def without(self, hook: str, numbers: EffectNumbers) -> tuple["ActiveEffects", EffectNumbers]:
+        """Those that have no equation at a hook."""
+        left = [(e, values) for e, values in zip(self.effects, numbers, strict=True) if hook not in e.equations]
+        return ActiveEffects(tuple(effect for effect, _ in left)), tuple(values for _, values in left)
+
     def drive_hooks(self, numbers: EffectNumbers) -> DriveHooks:
         """What the effects splice into the drive. Sensor effects act in the plant, before any controller."""
         return DriveHooks(**{hook: self.hooks(hook, numbers) for hook in DRIVE_HOOKS if hook != "measurement"})

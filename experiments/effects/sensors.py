@@ -1,7 +1,8 @@
 """Sensors that do not tell the truth: encoder offset, torque sensor gain and offset, delay.
 
 Each has a forward equation (`measurement`: what the controllers see and the log holds) and, where it falsifies
-the link's motion, the inverse (`measured_motion`) by which a replay recovers the true motion from the log.
+the link's motion, the inverse (`measured_motion`) by which a replay recovers the true motion from the log. A delay is
+known to replays by its times alone (`replay_timing`), which they take into account to a fraction of a row.
 """
 
 import jax.numpy as jnp
@@ -43,27 +44,8 @@ def _late(p, measurement, s, memory):
     return late, history[:, :LONGEST].reshape(memory.shape)
 
 
-def _late_current(p, current, s, memory):
-    known = memory[:, : 2 * LONGEST].reshape(-1, LONGEST, 2)
-    now = jnp.stack([current, jnp.ones_like(current)], -1)[:, None]
-    past = jnp.where(known[..., 1:] > 0.0, known, now)
-    history = jnp.concatenate([now, past], 1)
-    rest = memory[:, 2 * LONGEST :]
-    return delayed(history[..., 0], p.motor_side / s.period), jnp.concatenate(
-        [history[:, :LONGEST].reshape(-1, 2 * LONGEST), rest], 1
-    )
-
-
-def _advance(p, motion, _):
-    d = p.joint_side
-    return motion._replace(
-        position=motion.position + d * motion.velocity + 0.5 * d * d * motion.acceleration,
-        velocity=motion.velocity + d * motion.acceleration,
-    )
-
-
-def _own_angle_late(p, timing, _):
-    return timing._replace(angle_delay=timing.angle_delay + p.motor_side)
+def _ages(p, timing, _):
+    return timing._replace(link_age=timing.link_age + p.joint_side, drive_age=timing.drive_age + p.motor_side)
 
 
 EFFECTS = (
@@ -102,9 +84,7 @@ EFFECTS = (
         ),
         {
             "measurement": _late,
-            "measured_current": _late_current,
-            "measured_motion": _advance,
-            "replay_timing": _own_angle_late,
+            "replay_timing": _ages,
         },
         memory=5 * LONGEST,
     ),

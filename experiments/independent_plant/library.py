@@ -46,10 +46,11 @@ class Effect:
 
 
 def families_of(logs: Sequence[Sequence[Effect]], rngs: Sequence[np.random.Generator]) -> list[Family]:
-    """One family per effect name that occurs in a batch, in a fixed order."""
+    """One family per effect name that occurs in a batch, in a fixed order: other effects of sensors falsify what is
+    late, not the other way round."""
     families: dict[str, Family] = {}
     for log, effects in enumerate(logs):
         for effect in effects:
             family = families.setdefault(effect.effect, effect.family(len(logs)))
             family.add(log, effect.where, effect.parameters, rngs[log])
-    return [families[name] for name in FAMILIES if name in families]
+    return sorted((families[name] for name in FAMILIES if name in families), key=lambda f: f.name != "sensor_delay")

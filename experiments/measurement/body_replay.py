@@ -22,10 +22,11 @@ from scipy.signal import savgol_filter
 
 from experiments.effects.compose import ActiveEffects, EffectNumbers
 from experiments.lanes import lanes
+from experiments.measurement.behind_sensors import behind_sensors
 from experiments.measurement.log import Log
 from mjx_starleth.bodies import Bodies, BodyParams, make_bodies
 from mjx_starleth.numbers import RobotNumbers
-from sea_jax import JointMeasurement, JointMotion
+from sea_jax import JointMotion
 from sea_jax.hooks import no_signals
 
 Array = jax.Array
@@ -66,6 +67,7 @@ class BodyReplay:
 
     def residual(self, log: BodyLog, numbers: EffectNumbers) -> BodyResidual:
         """The residuals of every row, T a multiple of LANES, with the effects' numbers."""
+        log = self._true(log, numbers)
         shared = (self.effects.apply("body_parameters", numbers, self.bodies.params), numbers)
         run = lanes(lambda shared, row: self._row(*shared, row))
         parts = jax.tree.map(lambda table: table.reshape(-1, LANES, *table.shape[1:]), log)
@@ -73,8 +75,8 @@ class BodyReplay:
         return jax.tree.map(lambda table: table.reshape(-1, *table.shape[2:]), found)
 
     def _row(self, params: BodyParams, numbers: EffectNumbers, row: BodyLog) -> BodyResidual:
-        q, u = self._true_motion(row, numbers)
-        tau = true_torque(self.effects, numbers, row.q[7:], row.u[6:], row.torque) - self._drag(u, numbers)
+        q, u = row.q, row.u
+        tau = row.torque - self._drag(u, numbers)
         s = self.bodies.smooth(params, q, u)
         base, legs = row.du[:6], row.du[6:].reshape(4, 3)
         force = jnp.zeros(6, jnp.float32)
@@ -110,32 +112,19 @@ class BodyReplay:
             friction_use=size(tangential) / (friction * jnp.maximum(normal, 5.0)),
         )
 
-    def _true_motion(self, row: BodyLog, numbers: EffectNumbers) -> tuple[Array, Array]:
-        motion = JointMotion(row.q[7:], row.u[6:], row.du[6:], jnp.zeros(12, jnp.float32))
-        motion = self.effects.apply("measured_motion", numbers, motion)
-        return row.q.at[7:].set(motion.position), row.u.at[6:].set(motion.velocity)
+    def _true(self, log: BodyLog, numbers: EffectNumbers) -> BodyLog:
+        """The log without what the effects do to the joints' sensors."""
+        motion = JointMotion(log.q[:, 7:], log.u[:, 6:], log.du[:, 6:], jnp.zeros_like(log.torque))
+        motion, torque = behind_sensors(self.effects, numbers, motion, log.torque, self.bodies.period)
+        q = jnp.concatenate([log.q[:, :7], motion.position], 1)
+        u = jnp.concatenate([log.u[:, :6], motion.velocity], 1)
+        du = jnp.concatenate([log.du[:, :6], motion.acceleration], 1)
+        return log._replace(q=q, u=u, du=du, torque=torque)
 
     def _drag(self, u: Array, numbers: EffectNumbers) -> Array:
         zero = jnp.zeros(12, jnp.float32)
         signals = no_signals(zero, self.bodies.period)._replace(joint_velocity=u[6:])
         return self.effects.apply("joint_drag", numbers, zero, signals)
-
-
-def true_torque(
-    effects: ActiveEffects, numbers: EffectNumbers, position: Array, velocity: Array, torque: Array
-) -> Array:
-    """Torque (J,) behind the torque sensor: every memoryless sensor effect is affine in what it falsifies."""
-    zero = jnp.zeros_like(torque)
-
-    def shown(true: Array) -> Array:
-        measurement = JointMeasurement(position, velocity, true, position)
-        for effect, values in zip(effects.effects, numbers, strict=True):
-            if "measurement" in effect.equations and not effect.memory:
-                measurement = ActiveEffects((effect,)).apply("measurement", (values,), measurement)
-        return measurement.torque
-
-    offset = shown(zero)
-    return (torque - offset) / (shown(zero + 1.0) - offset)
 
 
 @lru_cache(maxsize=8)

@@ -17,7 +17,7 @@ from experiments.measurement.next_experiment import NextExperiment, next_experim
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom, timing, unmodelled
 from experiments.measurement.refit import refit
-from experiments.measurement.selection import NOISE, Selection, leaves_more, select
+from experiments.measurement.selection import MOST_EFFECTS, NEGLIGIBLE, NOISE, Selection, leaves_more, select
 from experiments.measurement.verdict import (
     Verdict,
     decide,
@@ -31,7 +31,7 @@ from experiments.model import Model
 
 HINTS_TOLD = 2  # in the verdict's words; the answer file and the report hold more
 WELL_EXPLAINED = 0.02  # excess of chi^2 per residual at which the nominal numbers need no second look
-PROMISING = 0.5  # of that excess: with the nominal numbers as they stand, one effect has to explain it all
+PROMISING = 0.5  # of that excess: with the nominal numbers as they stand, each effect has to explain most of the rest
 
 
 @dataclass(frozen=True)
@@ -73,8 +73,8 @@ def diagnose_evidence(evidence: tuple[Evidence, ...], model: Model, say: Callabl
 def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str], None]) -> Selection:
     """With the nominal numbers as they stand if that explains the logs, else with numbers that may be a little off.
 
-    A log that slightly different numbers explain lacks no effect, and one that a single effect explains with the
-    nominal numbers needs no others. What no model has and every robot does is free from the start.
+    A log that slightly different numbers explain lacks no effect, and one that few effects explain with the nominal
+    numbers, each most of what is left, needs no others. What no model has and every robot does is free from the start.
     """
     standing = any(log.standing for log in evidence)
     freedom = nominal_freedom(model, evidence[0].atoms.effects, standing)
@@ -89,9 +89,11 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
         numbers = select(evidence, freedom, say, most=0)
         if excess(evidence, numbers.fit) <= WELL_EXPLAINED:
             return numbers
-    promising = PROMISING if len(evidence) == 1 else 0.0  # what explains one of several logs has to be refuted
-    strict = select(evidence, given, say, 1, promising=promising, begun=strict.ladder[0])
-    if excess(evidence, strict.fit) <= WELL_EXPLAINED and not leaves_more(evidence, strict.fit):
+    # what explains one of several logs has to be refuted
+    most, promising = (MOST_EFFECTS, PROMISING) if len(evidence) == 1 else (1, 0.0)
+    strict = select(evidence, given, say, most, promising=promising, begun=strict.ladder[0])
+    tiny = NEGLIGIBLE * excess(evidence, strict.ladder[0].fit)
+    if excess(evidence, strict.fit) <= max(WELL_EXPLAINED, tiny) and not leaves_more(evidence, strict):
         return strict
     say("trying again with nominal numbers that may be a little off")
     free = refit(evidence, (), freedom)

@@ -20,7 +20,6 @@ from sea_jax.replay import ReplayRows, Timing, measured_start, replay
 Array = jax.Array
 
 CHANNELS = ("motor_position", "joint_torque", "motor_current")
-OUTSIDE_THE_LOOP = ("command", "measurement")  # hooks that act once a row, on what was logged
 
 
 @dataclass(frozen=True)
@@ -37,30 +36,29 @@ class DriveReplay:
 
         params: nominal; motion: see `true_motion`; shift (J,) rad: what the first row's motor angle is wrong by.
         """
-        active = self.effects
+        active, joints = self.effects, log.joint_position.shape[1]
         params = active.apply("drive_parameters", numbers, params)
         hooks = active.drive_hooks(numbers)
-        memory = active.memory(log.joint_position.shape[1])
-        outside = {hook: memory.pop(hook, None) for hook in OUTSIDE_THE_LOOP}
+        # once a row, outside of the loop, on what was logged
+        memory = {hook: one for hook, one in active.memory(joints).items() if hook not in ("command", "measurement")}
         signals = no_signals(log.joint_torque[0], self.periods.control)
 
         command = JointCommand(log.command_torque, log.command_position, log.position_mode)
-        command = _along_rows(hooks.command, command, signals, outside["command"])
+        command = _along_rows(hooks.command, command, signals, active.memory_at("command", joints))
         motion = jax.vmap(lambda row: active.apply("measured_motion", numbers, row))(motion)
         seen = JointMeasurement(log.joint_position, log.joint_velocity, log.joint_torque, log.motor_position)
         start = measured_start(
             params, log.motor_position[0] + shift, log.motor_velocity[0], log.motor_current[0], memory
         )
         still = jnp.zeros_like(start.motor_position)
-        timing = active.apply("replay_timing", numbers, Timing(still, still, still))
+        timing = active.apply("replay_timing", numbers, Timing(*(still,) * 4))
         rows = ReplayRows(command, seen, motion)
         run = replay(params, hooks._replace(command=()), rows, start, self.periods, timing=timing)
         shown = JointMeasurement(motion.position, motion.velocity, run.joint_torque, run.motor_position)
-        sensors = active.hooks("measurement", numbers)
-        shown = _along_rows(sensors, shown, signals, outside["measurement"])
-        memory = active.memory_at("measured_current", log.joint_position.shape[1])
-        current = _along_rows(active.hooks("measured_current", numbers), run.motor_current, signals, memory)
-        return jnp.stack([shown.motor_position, shown.torque, current], -1)
+        prompt, values = active.without("replay_timing", numbers)
+        start = prompt.memory_at("measurement", joints)
+        shown = _along_rows(prompt.hooks("measurement", values), shown, signals, start)
+        return jnp.stack([shown.motor_position, shown.torque, run.motor_current], -1)
 
 
 def true_motion(log: DriveLog, period: float, noise: dict[str, float]) -> JointMotion:
@@ -83,9 +81,8 @@ def measured(log: DriveLog) -> np.ndarray:
 
 def _along_rows(hooks, rows, signals, memory):
     """Apply once-a-row hooks, in order, along a log."""
-    memory = memory or (None,) * len(hooks)
     for hook, start in zip(hooks, memory, strict=True):
-        if start is None or start.shape[1] == 0:
+        if start.shape[1] == 0:
             rows = jax.vmap(lambda row, hook=hook, start=start: hook(row, signals, start)[0])(rows)
             continue
 

@@ -17,8 +17,9 @@ from scipy.ndimage import convolve1d
 
 from experiments.effects.compose import EffectNumbers
 from experiments.measurement.atoms import Atoms
+from experiments.measurement.behind_sensors import behind_sensors
 from experiments.measurement.body_evidence import FLOOR_DRAWS, MODEL_ERROR, correlation_rows, roughness
-from experiments.measurement.body_replay import thinned, true_torque
+from experiments.measurement.body_replay import thinned
 from experiments.measurement.drive_log import DriveLog
 from experiments.model import JointNumbers
 from sea_jax import JointMotion
@@ -67,7 +68,7 @@ class LoadEvidence:
 
     def residual(self, xs: np.ndarray) -> np.ndarray:
         """Residuals (H, N, 1) in units of the floor for atom vectors (H, n)."""
-        rows = np.asarray(_rows(self.atoms, self.params, self.log, xs.astype(np.float32)))
+        rows = np.asarray(_rows(self.atoms, self.params, self.log, self.period, xs.astype(np.float32)))
         return np.stack([thinned(one, self.period) for one in rows]) / self.floor * self.used[None]
 
 
@@ -80,7 +81,7 @@ def load_evidence(
     off, rng = atoms.off()[None].astype(np.float32), np.random.default_rng(0)
 
     def residual(table: DriveLog) -> np.ndarray:
-        return thinned(np.asarray(_rows(atoms, params, _load_log(table, period), off))[0], period)
+        return thinned(np.asarray(_rows(atoms, params, _load_log(table, period), period, off))[0], period)
 
     def noisy(signal: str) -> np.ndarray:
         return getattr(log, signal) + noise[signal] * rng.standard_normal(log.joint_position.shape)
@@ -105,17 +106,21 @@ def _load_log(log: DriveLog, period: float) -> LoadLog:
 
 
 @partial(jax.jit, static_argnums=0)
-def _rows(atoms: Atoms, params: LoadParams, log: LoadLog, xs: Array) -> Array:
-    return jax.vmap(lambda x: jax.vmap(lambda row: _residual(atoms, params, row, atoms.numbers(x)))(log))(xs)
+def _rows(atoms: Atoms, params: LoadParams, log: LoadLog, period: float, xs: Array) -> Array:
+    return jax.vmap(lambda x: _residuals(atoms, params, log, period, atoms.numbers(x)))(xs)
 
 
-def _residual(atoms: Atoms, params: LoadParams, row: LoadLog, numbers: EffectNumbers) -> Array:
-    """Torque (1,) that nothing accounts for."""
-    effects, zero = atoms.active(), jnp.zeros_like(row.torque)
+def _residuals(atoms: Atoms, params: LoadParams, log: LoadLog, period: float, numbers: EffectNumbers) -> Array:
+    """Torque (T, 1) that nothing accounts for."""
+    motion = JointMotion(log.position, log.velocity, log.acceleration, jnp.zeros_like(log.torque))
+    motion, torque = behind_sensors(atoms.active(), numbers, motion, log.torque, period)
+    return jax.vmap(lambda *row: _residual(atoms, params, *row, numbers))(motion, torque)
+
+
+def _residual(atoms: Atoms, params: LoadParams, motion: JointMotion, torque: Array, numbers: EffectNumbers) -> Array:
+    """The same of a row, (1,)."""
+    effects, zero = atoms.active(), jnp.zeros_like(torque)
     load = effects.apply("body_parameters", numbers, params)
-    motion = JointMotion(row.position, row.velocity, row.acceleration, zero)
-    motion = effects.apply("measured_motion", numbers, motion)
-    torque = true_torque(effects, numbers, row.position, row.velocity, row.torque)
     signals = no_signals(zero, 1.0)._replace(joint_position=motion.position, joint_velocity=motion.velocity)
     drag = effects.apply("joint_drag", numbers, zero, signals)
     own = load.viscous_friction * motion.velocity + load.gravity_load * jnp.sin(motion.position)

@@ -31,6 +31,8 @@ from experiments.measurement.refit import refit
 
 MOST_EFFECTS = 6
 CLEAR_SHARE = 0.03  # of the noise where it acts, that a score has to be for an effect to be worth a try
+ALONE = 4.0  # times the next effect's linear score, from which the best one is worth a refit whatever it explains
+NEGLIGIBLE = 5e-6  # of the nominal model's misfit: what a strong effect's own equation may be wrong by
 LEAST_REST = 0.005  # of noise's own chi^2, above the floor: a smaller rest is no effect
 NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
 
@@ -72,7 +74,8 @@ def select(
 ) -> Selection:
     """Add effects while held-out blocks say that each is there and chi^2 per residual exceeds 1 by over `least`.
 
-    None is refitted unless the best linear score takes the share `promising` of what chi^2 has over the noise. `begun`
+    None is refitted unless the best linear score takes the share `promising` of what chi^2 has over the noise, or is
+    far above all others' (of a sharp effect it tells little). `begun`
     is the ladder's first rung, where it is known from another selection with the same nominal numbers; `start` a fit
     without effects that is near it.
     """
@@ -82,7 +85,8 @@ def select(
         begun = Rung("nominal model", fit, refit(logs, (), nominal, fit, train, SHORT_FIT))
     selection = Selection(begun.fit, nominal, Elsewhere(logs, nominal), ladder=[begun])
     while len(selection.fit.effects) < most and excess(logs, selection.fit) > least:
-        if selection.fit.effects and not leaves_more(logs, selection.fit):
+        more = leaves_more(logs, selection)
+        if selection.fit.effects and not more:
             break
         changes, variants = changes_of(logs[0].atoms.effects, logs, selection.fit.points)
         say(f"scoring {len(variants)} hypotheses at every place")
@@ -91,8 +95,8 @@ def select(
         ranking = scored_at(logs, products, selection.fit, nominal, changes, variants)
         selection.rankings.append(ranking)
         noise = weight_of(logs, all_blocks(logs))
-        worth = leaves_more(logs, selection.fit) or stands_out(ranking, logs)
-        if ranking[0].gain < promising * (selection.fit.total - noise) or not worth:
+        worth = more or stands_out(ranking, logs)
+        if not worth or not _promises(ranking, promising * (selection.fit.total - noise)):
             break
         round_ = Round(logs, nominal, changes, products, train, test, say)
         finalists = round_.refitted(selection.fit, ranking)
@@ -119,9 +123,16 @@ def select(
     return selection
 
 
-def leaves_more(logs: Sequence[Evidence], fit: Refitted) -> bool:
-    """Whether a fit leaves anything above the floor that is worth an effect."""
-    return above_floor(logs, fit) > max(LEAST_GAIN, LEAST_REST * weight_of(logs, all_blocks(logs)))
+def leaves_more(logs: Sequence[Evidence], selection: Selection) -> bool:
+    """Whether what was found leaves anything above the floor that is worth an effect."""
+    tiny = NEGLIGIBLE * above_floor(logs, selection.ladder[0].fit)
+    return above_floor(logs, selection.fit) > max(LEAST_GAIN, LEAST_REST * weight_of(logs, all_blocks(logs)), tiny)
+
+
+def _promises(ranking: Sequence[Scored], least: float) -> bool:
+    """Whether the best linear score reaches `least` or is ALONE times that of any other effect."""
+    best, *others = best_of_each(ranking)
+    return best.gain >= min(least, ALONE * max((s.gain for s in others), default=0.0))
 
 
 def stands_out(ranking: Sequence[Scored], logs: Sequence[Evidence]) -> bool:

@@ -19,7 +19,8 @@ from experiments.independent_plant.bodies import Bodies, BodyChanges, model_text
 from experiments.independent_plant.cases import benchmark
 from experiments.independent_plant.drive import STEP, Command, Drive, JointController, Measured
 from experiments.independent_plant.generate import generate
-from experiments.independent_plant.library import FAMILIES, LIBRARY, OUTSIDERS, Effect
+from experiments.independent_plant.hooks import hooked
+from experiments.independent_plant.library import FAMILIES, LIBRARY, OUTSIDERS, Effect, families_of
 from experiments.independent_plant.log_setup import LogSetup, hanging, standing
 from experiments.independent_plant.numbers import JOINT_NAMES, BodyNumbers, joints_at, nominal_drive
 from experiments.independent_plant.plant import PERIOD, Plant, Recording, simulate
@@ -323,6 +324,19 @@ def test_an_effect_acts_where_it_is_put():
     recording = record([quiet, replace(quiet, effects=(put,))])
     change = np.abs(np.diff(recording.signals["joint_torque"], axis=0)[0, 0])
     assert np.flatnonzero(change > 0.1).tolist() == [8]
+
+
+def test_a_late_encoder_with_a_wrong_zero_shows_both():
+    offset, late = Effect("joint_encoder_offset", "all", {"offset": 0.1}), Effect("sensor_delay", "RH", {"delay": 1e-3})
+    families = families_of([[offset, late]], [np.random.default_rng(0)])
+    signals = {name: np.zeros((1, 12)) for name in ("joint_position", "joint_velocity", "joint_torque")}
+    for tick in range(20):
+        signals["joint_position"] = np.full((1, 12), float(tick))
+        for family in hooked(families, "remember"):
+            family.remember(tick * STEP, signals)
+    for family in hooked(families, "measure"):
+        signals = family.measure(19 * STEP, signals)
+    np.testing.assert_allclose(signals["joint_position"][0], [19.1] * 9 + [9.1] * 3)
 
 
 def test_play_is_transmitted_only_beyond_its_half_width():

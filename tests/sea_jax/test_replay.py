@@ -19,10 +19,11 @@ from sea_jax import (
     DriveState,
     JointCommand,
     JointMeasurement,
+    JointMotion,
+    LoopPeriods,
     ReplayRows,
     Timing,
     Trajectory,
-    full_drive,
     link_motion,
     measured_start,
     replay,
@@ -30,6 +31,8 @@ from sea_jax import (
     settled_start,
     smoothed_link_motion,
 )
+from sea_jax.delay_line import earlier, later, motion_later
+from sea_jax.full_drive import watched_drive
 
 DATA = Path(__file__).parents[1] / "data"
 PERIOD = 2.5e-3
@@ -169,18 +172,55 @@ def test_one_joint_alone_replays_like_among_twelve():
         np.testing.assert_allclose(found[:, 0], expected[:, joint], rtol=1e-5, atol=1e-5)
 
 
-def test_joint_controllers_may_see_their_own_angle_two_rows_late():
+def test_late_sensors_show_the_drive_s_own_past_to_a_part_of_a_row_to_the_log_and_to_its_controllers():
+    """Against a loop by hand that keeps the state after 18 of a row's 25 steps and hands it on a row later."""
     log, still = read("air_reference"), jnp.zeros(12)
     rows = jax.tree.map(lambda x: x[:80], rows_of(log, smooth=False))
-    late = Timing(still, still, jnp.full(12, 2 * PERIOD))
-    found = replay(PARAMS, DriveHooks(), rows, resting(log), timing=late)
-    step = jax.jit(lambda state, row: full_drive(PARAMS, state, row)[0])
-    state, angles = resting(log), [resting(log).motor_position]
+    age = jnp.full(12, PERIOD + 7e-4)
+    found = replay(PARAMS, DriveHooks(), rows, resting(log), timing=Timing(still, still, still, age))
+
+    def watch(kept, state, time):
+        return jax.tree.map(lambda x, y: jnp.where(jnp.abs(time - 18e-4) < 1e-5, y, x), kept, _shown(state))
+
+    @jax.jit
+    def step(state, row):
+        state, _, kept = watched_drive(PARAMS, state, row, DriveHooks(), LoopPeriods(), _shown(state), watch)
+        return state, kept
+
+    state, seen = resting(log), [_shown(resting(log))]
     for t in range(79):
         command, measurement, motion = jax.tree.map(lambda x, t=t: x[t], tuple(rows))
-        seen = measurement._replace(motor_position=angles[max(t - 2, 0)])
-        state = step(state, (command, seen, motion))
-        angles.append(state.motor_position)
-    np.testing.assert_allclose(found.motor_position, np.stack(angles), atol=1e-6)
+        state, kept = step(state, (command, measurement._replace(motor_position=seen[max(t - 1, 0)][0]), motion))
+        seen.append(kept)
+    late = [seen[max(t - 1, 0)] for t in range(80)]
+    np.testing.assert_allclose(found.motor_position, np.stack([angle for angle, _ in late]), atol=1e-6)
+    np.testing.assert_allclose(found.motor_current, np.stack([current for _, current in late]), atol=1e-4)
     prompt = replay_nominal(rows, resting(log)).motor_position
     assert np.abs(np.asarray(prompt) - np.asarray(found.motor_position)).max() > 1e-3
+
+
+def _shown(state: DriveState) -> tuple:
+    return state.motor_position, state.current
+
+
+def test_motion_between_rows_is_that_of_a_turning_link():
+    time, ages = PERIOD * jnp.arange(200.0)[:, None], jnp.array([0.0, 1.1e-3, 5e-3, 13.7e-3])
+    w = 2 * np.pi * jnp.array([[0.5, 3.0, 4.0, 5.0]])
+
+    def turning(t):
+        return JointMotion(jnp.sin(w * t), w * jnp.cos(w * t), -w * w * jnp.sin(w * t), 0.0 * w * t)
+
+    moved, expected = motion_later(turning(time), ages, PERIOD), turning(time + ages[None])
+    # a chord is off by T^2/8 of the second derivative
+    np.testing.assert_array_equal(moved.position[:, 0], turning(time).position[:, 0])
+    for found, true, tolerance in zip(moved, expected, (3e-6, 0.025, 0.8, 0.0), strict=True):
+        np.testing.assert_allclose(found[:190], true[:190], atol=tolerance)
+
+
+def test_rows_before_and_after():
+    rows = jnp.arange(40.0).reshape(20, 2) ** 2
+    before, after = earlier(rows, jnp.array([0.0, 3.0])), later(rows, jnp.array([2.0, 0.5]))
+    np.testing.assert_array_equal(before[:, 0], rows[:, 0])
+    np.testing.assert_array_equal(before[:, 1], np.concatenate([np.repeat(rows[:1, 1], 3), rows[:-3, 1]]))
+    np.testing.assert_array_equal(after[:, 0], np.concatenate([rows[2:, 0], np.repeat(rows[-1:, 0], 2)]))
+    np.testing.assert_allclose(after[:-1, 1], 0.5 * (rows[:-1, 1] + rows[1:, 1]))

@@ -1,0 +1,36 @@
+"""What joint sensors would show without their effects: the links' motion and the joints' torque, on rows of a log."""
+
+import jax
+import jax.numpy as jnp
+
+from experiments.effects.compose import ActiveEffects, EffectNumbers
+from sea_jax import JointMeasurement, JointMotion, Timing
+from sea_jax.delay_line import later, motion_later
+
+Array = jax.Array
+
+
+def behind_sensors(
+    effects: ActiveEffects, numbers: EffectNumbers, motion: JointMotion, torque: Array, period: float
+) -> tuple[JointMotion, Array]:
+    """True motion and true torque (T, J) of what was logged every `period` [s]."""
+    true_motion = jax.vmap(lambda row: effects.apply("measured_motion", numbers, row))(motion)
+    true_torque = jax.vmap(lambda m, t: _unshown(effects, numbers, m.position, m.velocity, t))(motion, torque)
+    still = jnp.zeros(torque.shape[1], torque.dtype)
+    timing = effects.apply("replay_timing", numbers, Timing(*(still,) * 4))
+    return motion_later(true_motion, timing.link_age, period), later(true_torque, timing.drive_age / period)
+
+
+def _unshown(effects: ActiveEffects, numbers: EffectNumbers, position: Array, velocity: Array, torque: Array) -> Array:
+    """Torque (J,) behind the torque sensor: every memoryless sensor effect is affine in what it falsifies."""
+    zero = jnp.zeros_like(torque)
+
+    def shown(true: Array) -> Array:
+        measurement = JointMeasurement(position, velocity, true, position)
+        for effect, values in zip(effects.effects, numbers, strict=True):
+            if "measurement" in effect.equations and not effect.memory:
+                measurement = ActiveEffects((effect,)).apply("measurement", (values,), measurement)
+        return measurement.torque
+
+    offset = shown(zero)
+    return (torque - offset) / (shown(zero + 1.0) - offset)
