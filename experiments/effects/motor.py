@@ -14,7 +14,8 @@ def _torque_constant(p, torque, _):
 
 
 def _saturation(p, torque, s):
-    return torque * (1.0 - p.per_square_current * s.current * s.current)
+    # K / (1 + c I^2): falls as 1 - c I^2 at first, and never turns round
+    return torque / (1.0 + p.per_square_current * s.current * s.current)
 
 
 def _ripple(p, torque, s):

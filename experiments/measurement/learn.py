@@ -3,12 +3,11 @@
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
-import numpy as np
-
 from experiments.effects.effect import Effect
 from experiments.effects.library import find_effect
 from experiments.effects.places import mask
 from experiments.errors import UserError
+from experiments.measurement.belief import interval
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
 from experiments.measurement.fit_types import Placed, Refitted
@@ -19,7 +18,6 @@ from experiments.measurement.misfit import misfit
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import nominal_freedom, timing
 from experiments.measurement.refit import refit
-from experiments.measurement.verdict import COVERAGE
 from experiments.model import FittedValue, Model, PlacedEffect
 
 
@@ -88,7 +86,6 @@ def _fitted(fit: Refitted, library: Mapping[str, Effect]):
         units = {p.name: p.unit for p in library[placed.effect].parameters}
         values = {}
         for name, value in placed.parameters.items():
-            half = COVERAGE * float(np.sqrt(max(fit.covariance[k, k], 0.0)))
-            values[name] = FittedValue(value=value, ci95=(value - half, value + half), unit=units[name])
+            values[name] = FittedValue(value=value, ci95=interval(fit, k, value), unit=units[name])
             k += 1
         yield placed, values

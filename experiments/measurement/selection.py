@@ -120,6 +120,7 @@ def select(
         selection.ladder.append(Rung(f"+ {winner.scored.effect.name}@{winner.scored.where}", full, winner.fit))
         _pruned(selection, logs, train, test)
     _without_unsure(selection)
+    _without_idle(selection, logs, train)
     return selection
 
 
@@ -154,16 +155,34 @@ def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None
         del others[k]
         without = refit(logs, others, selection.nominal, selection.fit, train, SHORT_FIT)
         after = chi2_on(selection.ladder[-1].proof, test)
-        if proven(known[placed.effect], placed.where, without, after, logs, test):
+        if not proven(known[placed.effect], placed.where, without, after, logs, test):
+            _taken_out(selection, k, logs, train)
+
+
+def _without_idle(selection: Selection, logs: Sequence[Evidence], train) -> None:
+    """Take out each effect that the fit to everything neither tells from none nor needs."""
+    known = {effect.name: effect for effect in logs[0].atoms.effects}
+    for k in reversed(range(len(selection.fit.effects))):
+        placed, others = selection.fit.effects[k], list(selection.fit.effects)
+        del others[k]
+        if told_from_none(known[placed.effect], selection.fit, k):
             continue
-        for one in (selection.ties, selection.winners, selection.rivals, selection.sure):
-            del one[k]
-        rungs = selection.ladder[: k + 1]
-        for i in range(k + 1, len(others) + 1):
-            full = refit(logs, others[:i], selection.nominal, rungs[-1].fit)
-            proof = refit(logs, full.effects, selection.nominal, full, train, SHORT_FIT)
-            rungs.append(Rung(f"+ {others[i - 1].effect}@{others[i - 1].where}", full, proof))
-        selection.ladder, selection.fit = rungs, rungs[-1].fit
+        without = refit(logs, others, selection.nominal, selection.fit)
+        if not proven(known[placed.effect], placed.where, without, selection.fit.total, logs, all_blocks(logs)):
+            _taken_out(selection, k, logs, train)
+
+
+def _taken_out(selection: Selection, k: int, logs: Sequence[Evidence], train) -> None:
+    """The selection without its k-th effect; the later ones are fitted again."""
+    others = [*selection.fit.effects[:k], *selection.fit.effects[k + 1 :]]
+    for one in (selection.ties, selection.winners, selection.rivals, selection.sure):
+        del one[k]
+    rungs = selection.ladder[: k + 1]
+    for i in range(k + 1, len(others) + 1):
+        full = refit(logs, others[:i], selection.nominal, rungs[-1].fit)
+        proof = refit(logs, full.effects, selection.nominal, full, train, SHORT_FIT)
+        rungs.append(Rung(f"+ {others[i - 1].effect}@{others[i - 1].where}", full, proof))
+    selection.ladder, selection.fit = rungs, rungs[-1].fit
 
 
 def _without_unsure(selection: Selection) -> None:

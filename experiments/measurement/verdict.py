@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from experiments.measurement.belief import COVERAGE, halves
+from experiments.measurement.belief import halves, interval
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.joint_evidence import JointEvidence
@@ -76,12 +76,8 @@ def effect_entries(
     for k, placed in enumerate(selection.fit.effects):
         parameters = {}
         for name, value in placed.parameters.items():
-            half = COVERAGE * float(np.sqrt(max(selection.fit.covariance[first, first], 0.0)))
-            parameters[name] = {
-                "value": value,
-                "ci95": [value - half, value + half],
-                "unit": units[placed.effect, name],
-            }
+            ci95 = list(interval(selection.fit, first, value))
+            parameters[name] = {"value": value, "ci95": ci95, "unit": units[placed.effect, name]}
             first += 1
         before, after = selection.ladder[k].proof, selection.ladder[k + 1].proof
         found.append(
