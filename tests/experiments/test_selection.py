@@ -1,5 +1,6 @@
 """Which of several finalists is named, and which count as its rivals."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +16,7 @@ from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.linear_score import Scored
 from experiments.measurement.misfit import _enough
 from experiments.measurement.refit import _plausible
-from experiments.measurement.selection import Rung, Selection, _without_unsure, stands_out
+from experiments.measurement.selection import Rung, Selection, _promises, _without_idle, _without_unsure, stands_out
 from mjx_starleth.names import JOINT_NAMES
 
 NOISE, BEFORE = 1000.0, 9000.0  # chi^2 of noise alone, and without any effect
@@ -194,6 +195,30 @@ def test_an_effect_that_no_later_one_has_helped_to_tell_from_none_is_taken_back(
     _without_unsure(selection)
     assert len(selection.fit.effects) == len(selection.ties) == len(selection.winners) == kept
     assert len(selection.ladder) == kept + 1
+
+
+@pytest.mark.parametrize(("spread", "without", "kept"), [(3e-3, 8120.0, 1), (1e-4, 8120.0, 2), (3e-3, 9500.0, 2)])
+def test_an_effect_that_the_whole_fit_neither_tells_from_none_nor_needs_is_taken_out(
+    monkeypatch, spread: float, without: float, kept: int
+) -> None:
+    log, before = one_loud_joint()
+    log.atoms.effects = (LIBRARY["backlash"], LIBRARY["coulomb_friction"])
+    play = Placed("backlash", "LF_HFE", {"half_width": 0.02})
+    friction = Placed("coulomb_friction", "all", {"torque": 4e-3})
+    fit = replace(before, effects=(play, friction), covariance=np.diag([1e-8, spread**2]))
+    fitted = replace(fit, effects=(play,), chi2=(np.array([without]),), covariance=np.diag([1e-8]))
+    monkeypatch.setattr("experiments.measurement.selection.refit", lambda *_: fitted)
+    ladder = [Rung("", before, before), Rung("", fitted, fitted), Rung("", fit, fit)]
+    selection = Selection(fit, (), None, ladder, ties=[[], []], winners=[fit] * 2, rivals=[[], []], sure=[True, True])
+    _without_idle(selection, [log], [np.ones(1, bool)])
+    assert len(selection.fit.effects) == kept == len(selection.ties) == len(selection.ladder) - 1
+
+
+@pytest.mark.parametrize(("scores", "tried"), [((60.0, 40.0), True), ((30.0, 20.0), False), ((30.0, 7.0), True)])
+def test_what_is_far_above_all_others_is_tried_whatever_its_score_promises(scores, tried: bool) -> None:
+    effects = LIBRARY["sensor_delay"], LIBRARY["backlash"]
+    ranking = [Scored(effect, "all", gain, {}, None) for effect, gain in zip(effects, scores, strict=True)]
+    assert _promises(ranking, 50.0) == tried
 
 
 def test_feet_that_slide_for_a_few_rows_each_count_together() -> None:
