@@ -149,7 +149,7 @@ def _definition(
 def _search(options: "TuneOptions", folder: Path) -> None:
     """Search in the folder, or go on with what it holds."""
     from experiments.cli.progress import SearchProgress
-    from experiments.distributed import leaving_alone, open_run_together
+    from experiments.distributed import is_first, leaving_alone, open_run_together
     from experiments.smooth.rollout import smooth_rollout
     from experiments.tasks.registry import make_task
     from experiments.tune import tune
@@ -159,13 +159,11 @@ def _search(options: "TuneOptions", folder: Path) -> None:
     make_task(definition, options.model)
     if refine:
         smooth_rollout(options.model, definition, options.library)
-    with (
-        leaving_alone(),
-        open_run_together(folder, "tune", options.settings()) as run,
-        SearchProgress(definition, folder, refine) as progress,
-    ):
+    with leaving_alone(), open_run_together(folder, "tune", options.settings()) as run:
         if run.finished and not refine:
-            progress.say(f"{folder} is finished already; its results are {folder}/parameters.json and report.html.")
+            if is_first():
+                result = f"{folder}/parameters.json and report.html"
+                typer.echo(f"{folder} is finished already; its results are {result}.", err=True)
             return
-        judged = tune(options, run, progress.update, progress.say, progress.refined)
-        progress.finish(judged)
+        with SearchProgress(definition, folder, refine) as progress:
+            progress.finish(tune(options, run, progress.update, progress.say, progress.refined))
