@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 
 from sea_jax.control_period import signals_at
-from sea_jax.delay_line import LONGEST, earlier, motion_later
+from sea_jax.delay_line import LONGEST, delayed, earlier, motion_later
 from sea_jax.electronics import back_emf
 from sea_jax.full_drive import watched_drive
 from sea_jax.motor import spring_on_link
@@ -95,7 +95,7 @@ def replay(
     whole = jnp.floor(before / periods.control)
     read = before - whole * periods.control  # s before a row's end in the drive's clock at which its sensors are read
     row_ends = periods.velocity_steps * periods.current_steps - read / periods.current
-    motion_of_rows = motion_later(rows.motion, timing.link_age, periods.control)
+    rows = rows._replace(motion=motion_later(rows.motion, timing.link_age, periods.control))
 
     def add_if_at_row(sensed, state, time):
         # between steps along straight lines; whole numbers, so that a step at the row is taken as it is
@@ -107,8 +107,7 @@ def replay(
         command, measurement, motion = inputs
         history = jnp.concatenate([seen.motor_position[:, None], past], 1)
         if own_motor_angle:
-            age = jnp.arange(LONGEST + 1, dtype=whole.dtype)[None]
-            measurement = measurement._replace(motor_position=jnp.where(age == whole[:, None], history, 0.0).sum(1))
+            measurement = measurement._replace(motor_position=delayed(history, whole))
         moved = (command, measurement, _later(motion, lead))
         begun = add_if_at_row((still, still, still), state, 0.0)
         state, _, (angle, velocity, current) = watched_drive(
@@ -125,8 +124,8 @@ def replay(
     torque, _, _ = spring_on_link(params, hooks, signals_at(params, start, first, 0.0, periods.current), start.memory)
     seen = Trajectory(*_sensed(start), torque)
     past = jnp.repeat(seen.motor_position[:, None], LONGEST, 1)
-    _, trajectory = jax.lax.scan(row, (start, seen, past), tuple(rows._replace(motion=motion_of_rows)))
-    return Trajectory(*(earlier(rows, whole) for rows in trajectory))
+    _, trajectory = jax.lax.scan(row, (start, seen, past), tuple(rows))
+    return Trajectory(*(earlier(channel, whole) for channel in trajectory))
 
 
 def _sensed(state: DriveState) -> tuple[Array, Array, Array]:

@@ -56,8 +56,8 @@ class DriveReplay:
         run = replay(params, hooks._replace(command=()), rows, start, self.periods, timing=timing)
         shown = JointMeasurement(motion.position, motion.velocity, run.joint_torque, run.motor_position)
         prompt, values = active.without("replay_timing", numbers)
-        start = prompt.memory_at("measurement", joints)
-        shown = _along_rows(prompt.hooks("measurement", values), shown, signals, start)
+        past = prompt.memory_at("measurement", joints)
+        shown = _along_rows(prompt.hooks("measurement", values), shown, signals, past)
         return jnp.stack([shown.motor_position, shown.torque, run.motor_current], -1)
 
 

@@ -23,7 +23,7 @@ from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
 from experiments.measurement.finalists import FINALISTS, SHORT_FIT, Round, at_other_joints
-from experiments.measurement.fit_types import Nominal, Refitted
+from experiments.measurement.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.footprint import noise_at
 from experiments.measurement.linear_score import Scored, best_of_each, scored_at
 from experiments.measurement.misfit import above_floor, excess
@@ -75,9 +75,8 @@ def select(
     """Add effects while held-out blocks say that each is there and chi^2 per residual exceeds 1 by over `least`.
 
     None is refitted unless the best linear score takes the share `promising` of what chi^2 has over the noise, or is
-    far above all others' (of a sharp effect it tells little). `begun`
-    is the ladder's first rung, where it is known from another selection with the same nominal numbers; `start` a fit
-    without effects that is near it.
+    far above all others' (of a sharp effect it tells little). `begun` is the ladder's first rung, where it is known
+    from another selection with the same nominal numbers; `start` a fit without effects that is near it.
     """
     train, test = halves(logs)
     if begun is None:
@@ -151,8 +150,7 @@ def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None
     """Take out, the last one apart, each effect that the later ones have made needless."""
     known = {effect.name: effect for effect in logs[0].atoms.effects}
     for k in reversed(range(len(selection.fit.effects) - 1)):
-        placed, others = selection.fit.effects[k], list(selection.fit.effects)
-        del others[k]
+        placed, others = selection.fit.effects[k], _others(selection.fit.effects, k)
         without = refit(logs, others, selection.nominal, selection.fit, train, SHORT_FIT)
         after = chi2_on(selection.ladder[-1].proof, test)
         if not proven(known[placed.effect], placed.where, without, after, logs, test):
@@ -163,18 +161,17 @@ def _without_idle(selection: Selection, logs: Sequence[Evidence], train) -> None
     """Take out each effect that the fit to everything neither tells from none nor needs."""
     known = {effect.name: effect for effect in logs[0].atoms.effects}
     for k in reversed(range(len(selection.fit.effects))):
-        placed, others = selection.fit.effects[k], list(selection.fit.effects)
-        del others[k]
+        placed = selection.fit.effects[k]
         if told_from_none(known[placed.effect], selection.fit, k):
             continue
-        without = refit(logs, others, selection.nominal, selection.fit)
+        without = refit(logs, _others(selection.fit.effects, k), selection.nominal, selection.fit)
         if not proven(known[placed.effect], placed.where, without, selection.fit.total, logs, all_blocks(logs)):
             _taken_out(selection, k, logs, train)
 
 
 def _taken_out(selection: Selection, k: int, logs: Sequence[Evidence], train) -> None:
     """The selection without its k-th effect; the later ones are fitted again."""
-    others = [*selection.fit.effects[:k], *selection.fit.effects[k + 1 :]]
+    others = _others(selection.fit.effects, k)
     for one in (selection.ties, selection.winners, selection.rivals, selection.sure):
         del one[k]
     rungs = selection.ladder[: k + 1]
@@ -183,6 +180,10 @@ def _taken_out(selection: Selection, k: int, logs: Sequence[Evidence], train) ->
         proof = refit(logs, full.effects, selection.nominal, full, train, SHORT_FIT)
         rungs.append(Rung(f"+ {others[i - 1].effect}@{others[i - 1].where}", full, proof))
     selection.ladder, selection.fit = rungs, rungs[-1].fit
+
+
+def _others(effects: Sequence[Placed], k: int) -> list[Placed]:
+    return [*effects[:k], *effects[k + 1 :]]
 
 
 def _without_unsure(selection: Selection) -> None:

@@ -279,6 +279,11 @@ def test_an_effect_is_not_taken_for_a_fault() -> None:
     assert_no_alarm("air", [draw_effect(name, "air", 0.5, rng) for name in SUSPECTS], 1.0)
 
 
+def test_sensors_that_are_all_late_are_no_shift_of_the_torque_that_mends_a_little() -> None:
+    case = Case("squat", "rich", (Effect("sensor_delay", "all", {"delay": 0.0139}),), 53, 2.0)
+    assert check(as_log(case, record([case]), 0), NUMBERS) == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", ["air", "air_torque", "squat", "hops"])
 def test_no_effect_at_all_is_taken_for_a_fault(motion: str) -> None:

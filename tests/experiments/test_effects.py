@@ -10,6 +10,7 @@ from experiments.effects.compose import activate
 from experiments.effects.places import mask, places_of
 from experiments.errors import UserError
 from experiments.measurement.atoms import Atoms
+from experiments.measurement.behind_sensors import behind_sensors
 from experiments.measurement.drive_evidence import DRIVE_HOOKS
 from experiments.measurement.drive_log import DriveLog
 from experiments.measurement.drive_replay import DriveReplay, true_motion
@@ -17,7 +18,7 @@ from experiments.measurement.fit_types import Placed
 from experiments.model import nominal_model
 from experiments.plant import make_plant
 from mjx_starleth.names import JOINT_NAMES
-from sea_jax import LoopPeriods, params_from_numbers
+from sea_jax import JointMotion, LoopPeriods, params_from_numbers
 
 ROWS = 200
 NAMED = """coulomb_friction viscous_friction cubic_friction stribeck_friction load_friction
@@ -64,6 +65,36 @@ def test_an_effect_acts_where_it_is_placed_and_nowhere_else(replays, name: str) 
     joint = JOINT_NAMES.index("RF_HFE")
     assert change[joint] > 1e-6, f"{name} changes nothing"
     assert (np.delete(change, joint) == 0).all()
+
+
+def test_drives_whose_sensors_are_two_rows_late_show_what_they_were(replays) -> None:
+    """By torque the joint controllers need no angle of the motor: nothing else changes."""
+    atoms, run = replays
+    late = run(atoms.set(atoms.off(), "sensor_delay", "all", {"joint_side": 0.0, "motor_side": 0.005}))
+    np.testing.assert_allclose(late[2:], run(atoms.off())[:-2], rtol=1e-5, atol=1e-5)
+
+
+def test_behind_the_sensors_lie_the_true_motion_and_torque() -> None:
+    time, w, period = 2.5e-3 * np.arange(400)[:, None], 2 * np.pi * np.linspace(0.5, 2.0, 12)[None], 2.5e-3
+
+    def turning(t):
+        parts = (np.sin(w * t), w * np.cos(w * t), -w * w * np.sin(w * t), 0 * w * t)
+        return JointMotion(*(np.asarray(part, np.float32) for part in parts))
+
+    names = ("joint_encoder_offset", "torque_sensor_gain", "torque_sensor_offset", "sensor_delay")
+    atoms = Atoms(tuple(LIBRARY[name] for name in names), JOINT_NAMES)
+    x = atoms.set(atoms.off(), "joint_encoder_offset", "LF", {"offset": 0.1})
+    x = atoms.set(atoms.set(x, "torque_sensor_gain", "KFE", {"relative": 0.2}), names[2], "all", {"offset": -0.5})
+    x = atoms.set(x, "sensor_delay", "HFE", {"joint_side": 6e-3, "motor_side": 4e-3})
+    hfe, kfe, lf = (np.array([part in name for name in JOINT_NAMES]) for part in ("HFE", "KFE", "LF"))
+    logged = turning(time - 6e-3 * hfe)
+    logged = logged._replace(position=logged.position + np.float32(0.1) * lf)
+    torque = np.asarray(9.0 * np.cos(w * (time - 4e-3 * hfe)) * (1.0 + 0.2 * kfe) - 0.5, np.float32)
+    behind = jax.jit(lambda x: behind_sensors(atoms.active(), atoms.numbers(x), logged, torque, period))
+    motion, true_torque = behind(jnp.asarray(x, jnp.float32))
+    for found, true, tolerance in zip(motion, turning(time), (1e-5, 5e-3, 0.05, 0.0), strict=True):
+        np.testing.assert_allclose(found[5:-5], true[5:-5], atol=tolerance)
+    np.testing.assert_allclose(true_torque[5:-5], (9.0 * np.cos(w * time))[5:-5], atol=2e-3)
 
 
 def test_an_effect_at_zero_is_left_out_of_the_program() -> None:

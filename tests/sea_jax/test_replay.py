@@ -33,6 +33,7 @@ from sea_jax import (
 )
 from sea_jax.delay_line import earlier, later, motion_later
 from sea_jax.full_drive import watched_drive
+from sea_jax.spring import spring_torque
 
 DATA = Path(__file__).parents[1] / "data"
 PERIOD = 2.5e-3
@@ -187,20 +188,24 @@ def test_late_sensors_show_the_drive_s_own_past_to_a_part_of_a_row_to_the_log_an
         state, _, kept = watched_drive(PARAMS, state, row, DriveHooks(), LoopPeriods(), _shown(state), watch)
         return state, kept
 
-    state, seen = resting(log), [_shown(resting(log))]
+    state, seen, torques = resting(log), [_shown(resting(log))], [found.joint_torque[0]]
     for t in range(79):
         command, measurement, motion = jax.tree.map(lambda x, t=t: x[t], tuple(rows))
         state, kept = step(state, (command, measurement._replace(motor_position=seen[max(t - 1, 0)][0]), motion))
         seen.append(kept)
-    late = [seen[max(t - 1, 0)] for t in range(80)]
-    np.testing.assert_allclose(found.motor_position, np.stack([angle for angle, _ in late]), atol=1e-6)
-    np.testing.assert_allclose(found.motor_current, np.stack([current for _, current in late]), atol=1e-4)
+        turned = 18e-4 * motion.acceleration
+        link = motion.position + 18e-4 * (motion.velocity + 0.5 * turned)
+        torques.append(spring_torque(PARAMS, kept[0] - link, kept[1] - motion.velocity - turned))
+    late = [max(t - 1, 0) for t in range(80)]
+    np.testing.assert_allclose(found.motor_position, np.stack([seen[t][0] for t in late]), atol=1e-6)
+    np.testing.assert_allclose(found.motor_current, np.stack([seen[t][2] for t in late]), atol=1e-4)
+    np.testing.assert_allclose(found.joint_torque, np.stack([torques[t] for t in late]), atol=1e-3)
     prompt = replay_nominal(rows, resting(log)).motor_position
     assert np.abs(np.asarray(prompt) - np.asarray(found.motor_position)).max() > 1e-3
 
 
 def _shown(state: DriveState) -> tuple:
-    return state.motor_position, state.current
+    return state.motor_position, state.motor_velocity, state.current
 
 
 def test_motion_between_rows_is_that_of_a_turning_link():
