@@ -149,7 +149,9 @@ class Plant:
 
         def drag(velocity):
             signals = no_signals(velocity, self.periods.control)
-            signals = signals._replace(joint_position=motion.position, joint_velocity=velocity)
+            signals = signals._replace(
+                joint_position=motion.position, joint_velocity=velocity, radial_load=motion.radial_load
+            )
             return self.effects.apply("joint_drag", numbers, zero, signals)
 
         return jax.jvp(drag, (motion.velocity,), (jnp.ones_like(zero),))

@@ -39,4 +39,4 @@ def apply_hooks(
 def no_signals(like: Array, period: float) -> Signals:
     """Signals for the points where none exists yet."""
     nothing = jnp.zeros_like(like)
-    return Signals(*(nothing,) * 9, period=jnp.asarray(period, like.dtype))
+    return Signals(*(nothing,) * 10, period=jnp.asarray(period, like.dtype))

@@ -97,4 +97,5 @@ class Signals(NamedTuple):
     deflection: Array  # rad
     deflection_rate: Array  # rad/s
     spring_torque: Array  # N m
+    radial_load: Array  # force across the joint's bearing, N
     period: Array  # s, the time step of the loop that calls the hook, scalar

@@ -1,8 +1,12 @@
 """Masses that the nominal numbers lack: a payload on the torso, links that are heavier, a constant pull."""
 
+from math import cos, pi, sin
+
 import jax.numpy as jnp
 
 from experiments.effects.effect import Effect, Parameter
+
+ASIDE = tuple(k * pi / 4 for k in range(8))  # rad from forwards
 
 
 def _payload(p, bodies, _):
@@ -64,6 +68,8 @@ EFFECTS = (
             Parameter("z", "m", -0.3, 0.4, 0.0, "shape"),
         ),
         {"body_parameters": _payload},
+        # a torso that may be a little heavier hides what a load weighs, but not on which side it is
+        seeds=tuple({"x": round(0.15 * cos(a), 3), "y": round(0.15 * sin(a), 3)} for a in ASIDE),
     ),
     Effect(
         "link_mass",

@@ -11,10 +11,23 @@ def _coulomb(p, drag, s):
     return drag + p.torque * jnp.clip(s.joint_velocity / CREEP, -1.0, 1.0)
 
 
+def _bearings(p, drag, s):
+    return drag + p.coefficient * s.radial_load * jnp.clip(s.joint_velocity / CREEP, -1.0, 1.0)
+
+
 def _viscous(p, drag, s):
     return drag + p.coefficient * s.joint_velocity
 
 
+# Every robot has some, and no log tells it from dry drag well enough to be accused.
+BEARING_FRICTION = Effect(
+    "bearing_friction",
+    "the joints' bearings rub in proportion to the force across them, after the torque sensor (paper IV.5)",
+    "bodies",
+    "joint",
+    (Parameter("coefficient", "m, N m per N", 0.0, 0.01, 5e-4),),
+    {"joint_drag": _bearings},
+)
 EFFECTS = (
     Effect(
         "joint_coulomb_drag",
@@ -32,4 +45,5 @@ EFFECTS = (
         (Parameter("coefficient", "N m s/rad", 0.0, 5.0, 0.1),),
         {"joint_drag": _viscous},
     ),
+    BEARING_FRICTION,
 )

@@ -8,7 +8,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.body_replay import (
@@ -22,6 +22,7 @@ from experiments.measurement.body_replay import (
     settled,
     thinned,
 )
+from experiments.measurement.calm_log import calm_log
 from experiments.measurement.drive_evidence import IMPACT, replay_devices
 from experiments.measurement.log import Log
 from mjx_starleth.names import JOINT_NAMES, LEGS
@@ -29,12 +30,13 @@ from mjx_starleth.numbers import RobotNumbers
 
 BODY_HOOKS = frozenset("body_parameters measurement measured_motion joint_drag torso_force".split())
 FLOOR_DRAWS = 3
-SLIDING = 0.06  # m/s above which a foot counts as sliding; several times the noise of its velocity
+SLIDING, SLIDING_NOISE = 0.06, 5.0  # m/s, and times its velocity's noise, above which a foot counts as sliding
+PRESSED = 15.0  # N on a foot, below which the share that friction takes is mostly noise
 NEAR_STOP = 0.01  # rad from the end of a joint within which it may touch it
 PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
 
 # What the best model of a real robot may still leave in each channel: below this nothing is called missing.
-MODEL_ERROR = {"force": 0.5, "torque": 0.05, "joint": 0.06, "gap": 5e-4, "friction": 0.05}
+MODEL_ERROR = {"force": 0.5, "torque": 0.05, "joint": 0.06, "gap": 5e-4, "friction": 0.04}
 NO_CONSTANT = 1e-6  # of a channel whose constant error tells of an effect
 CHANNELS = (
     *(f"torso_force/{axis}" for axis in "xyz"),
@@ -43,6 +45,7 @@ CHANNELS = (
     *(f"foot_height/{leg}" for leg in LEGS),
     *(f"friction/{leg}" for leg in LEGS),
 )
+SMOOTHED = len(CHANNELS) - len(LEGS)  # of the channels; friction is taken row by row
 KIND = ["force"] * 3 + ["torque"] * 3 + ["joint"] * 12 + ["gap"] * 4 + ["friction"] * 4
 
 
@@ -52,7 +55,10 @@ class BodyEvidence:
 
     atoms: Atoms
     replay: BodyReplay
-    log: BodyLog
+    log: BodyLog  # without most of its noise: the changes that numbers make are taken from it
+    measured: np.ndarray  # (N, 26) what the nominal model leaves, physical units
+    nominal: np.ndarray  # (N, 26) the same of that log
+    sliding: np.ndarray  # (T, 4) rows on which a foot slides
     period: float
     used: np.ndarray
     floor: np.ndarray
@@ -68,8 +74,12 @@ class BodyEvidence:
         return np.array([NO_CONSTANT if kind == "friction" else MODEL_ERROR[kind] for kind in KIND])
 
     def predict(self, xs: np.ndarray) -> np.ndarray:
-        """Residuals (H, N, 26) in physical units for atom vectors (H, n)."""
-        return residuals(self.replay, self.atoms, self.log, self.period, xs)
+        """Residuals (H, N, 26) in physical units for atom vectors (H, n).
+
+        What numbers change is taken from a log with little noise (calm_log tells why).
+        """
+        found = residuals(self.replay, self.atoms, self.log, self.sliding, self.period, xs)
+        return self.measured + found - self.nominal
 
     def residual(self, xs: np.ndarray) -> np.ndarray:
         """Residuals (H, N, 26) in units of the floor, zero where a row does not count."""
@@ -82,16 +92,26 @@ def body_evidence(atoms: Atoms, numbers: RobotNumbers, log: Log, noise: Mapping[
     clamped = log.experiment == "fixed_base"
     replay = body_replay(numbers, atoms.active(), clamped)
     off = atoms.off()[None]
-    raw = residual_rows(replay, atoms, rows, off)
-    used = _used(rows, raw[0], period, clamped, np.asarray(replay.bodies.params.joint_stop))
-    clean = thinned(raw[0], period)[:, : len(CHANNELS)]
-    rng, draws = np.random.default_rng(0), []
-    for _ in range(FLOOR_DRAWS):
-        noisy = _noisy(rng, rows, noise, period, clamped)
-        draws.append(residuals(replay, atoms, noisy, period, off)[0] - clean)
-    error = np.stack(draws)
+    raw = residual_rows(replay, atoms, rows, off)[0]
+    rng = np.random.default_rng(0)
+    draws = [_noisy(rng, rows, noise, period, clamped) for _ in range(FLOOR_DRAWS)]
+    noisy = [residual_rows(replay, atoms, one, off)[0] for one in draws]
+    stops = np.asarray(replay.bodies.params.joint_stop)
+    sliding = _sliding(rows, raw, noisy[0] - raw) & ~hits(rows, period, stops)
+    used = _used(rows, sliding, period, clamped, stops)
+    clean = _kept(raw, sliding, period)
+    error = np.stack([_kept(one, sliding, period) - clean for one in noisy])
+    calm = _unless(sliding.any(1), rows, calm_log(rows, period, noise))  # a slide may be over in a few rows
+    nominal = residuals(replay, atoms, calm, sliding, period, off)[0]
+    tau = correlation_rows(error * used[None])
+    floor = _floor(clean, error, used)
+    return BodyEvidence(atoms, replay, calm, clean, nominal, sliding, period, used, floor, tau)
+
+
+def _floor(clean: np.ndarray, error: np.ndarray, used: np.ndarray) -> np.ndarray:
+    """What noise alone leaves in each channel (26,), from what it left in draws (D, N, 26)."""
     count = np.maximum(used.sum(0), 1)
-    spread = np.sqrt((error**2 * used[None]).sum((0, 1)) / count / FLOOR_DRAWS)
+    spread = np.sqrt((error**2 * used[None]).sum((0, 1)) / count / len(error))
     # where the rows alias what is faster than their rate, the residual is rougher than noise makes it
     rough = roughness(clean, used) / np.maximum(roughness(error[0], used), 1e-12)
     floor = np.maximum(spread, 1e-9) * np.maximum(rough, 1.0)
@@ -99,14 +119,30 @@ def body_evidence(atoms: Atoms, numbers: RobotNumbers, log: Log, noise: Mapping[
     legs = np.array([kind == "joint" for kind in KIND])
     floor = np.where(legs, np.hypot(floor, MODEL_ERROR["joint"]), floor)
     # how slippery the ground is shows in a few rows of sliding, and all of it is a constant
-    sliding = np.array([kind == "friction" for kind in KIND])
-    floor = np.where(sliding, np.hypot(floor, MODEL_ERROR["friction"]), floor)
-    return BodyEvidence(atoms, replay, rows, period, used, floor, correlation_rows(error * used[None]))
+    friction = np.array([kind == "friction" for kind in KIND])
+    return np.where(friction, np.hypot(floor, MODEL_ERROR["friction"]), floor)
 
 
-def residuals(replay: BodyReplay, atoms: Atoms, log: BodyLog, period: float, xs: np.ndarray) -> np.ndarray:
-    """Smoothed and thinned residuals (H, N, 26) in physical units for atom vectors (H, n)."""
-    return np.stack([thinned(rows, period)[:, : len(CHANNELS)] for rows in residual_rows(replay, atoms, log, xs)])
+def residuals(
+    replay: BodyReplay, atoms: Atoms, log: BodyLog, sliding: np.ndarray, period: float, xs: np.ndarray
+) -> np.ndarray:
+    """Smoothed and thinned residuals (H, N, 26) in physical units for atom vectors (H, n); sliding (T, 4): feet."""
+    return np.stack([_kept(rows, sliding, period) for rows in residual_rows(replay, atoms, log, xs)])
+
+
+def _kept(rows: np.ndarray, sliding: np.ndarray, period: float) -> np.ndarray:
+    """Of residuals on raw rows (T, 34), what is judged (N, 26): smoothed, but friction where a foot slides."""
+    smooth = thinned(rows[:, :SMOOTHED], period)
+    around = _around(len(rows), period)
+    use, slides = rows[around][:, :, SMOOTHED : len(CHANNELS)], sliding[around]
+    friction = (use * slides).sum(1) / np.maximum(slides.sum(1), 1)
+    return np.concatenate([smooth, friction], 1)
+
+
+def _around(rows: int, period: float) -> np.ndarray:
+    """Rows (N, DECIMATION) that each row of `thinned` stands for."""
+    half = filter_window(period) // 2
+    return np.arange(half, rows - half, DECIMATION)[:, None] + np.arange(DECIMATION) - DECIMATION // 2
 
 
 def residual_rows(replay: BodyReplay, atoms: Atoms, log: BodyLog, xs: np.ndarray) -> np.ndarray:
@@ -126,10 +162,23 @@ def _one(replay: BodyReplay, atoms: Atoms, log: BodyLog, x):
 
 def _channels(r: BodyResidual) -> jax.Array:
     normal = (r.foot_force * jnp.eye(3, dtype=jnp.float32)[2][None, None]).sum(-1)
-    return jnp.concatenate([r.torso, r.joints, r.gap, r.friction_use - 1.0, normal, r.slip_velocity], 1)
+    return jnp.concatenate([r.torso, r.joints, r.gap, r.friction, normal, r.slip_velocity], 1)
 
 
-def _used(log: BodyLog, raw: np.ndarray, period: float, clamped: bool, stops: np.ndarray) -> np.ndarray:
+def _sliding(log: BodyLog, raw: np.ndarray, error: np.ndarray) -> np.ndarray:
+    """(T, 4) True where a foot, on the ground in the rows beside as well, slides; error: what noise does to raw."""
+    on = minimum_filter1d(log.contact, 3, axis=0) > 0.5
+    normal, slip = raw[:, -8:-4], raw[:, -4:]
+    noise = np.sqrt((error[:, -4:] ** 2 * on).sum(0) / np.maximum(on.sum(0), 1))
+    return on & (slip > np.maximum(SLIDING, SLIDING_NOISE * noise)) & (normal > PRESSED)
+
+
+def _unless(here: np.ndarray, log: BodyLog, other: BodyLog) -> BodyLog:
+    """The rows of a log that are `here` (T,), the other rows of another."""
+    return BodyLog(*(np.where(here[:, None], own, its) for own, its in zip(log, other, strict=True)))
+
+
+def _used(log: BodyLog, sliding: np.ndarray, period: float, clamped: bool, stops: np.ndarray) -> np.ndarray:
     """Which residuals mean something on which row, (N, 26); stops (12, 2): the joints' ends, rad."""
     quiet = settled(log.contact, period)
     share = thinned(log.contact, period)
@@ -138,21 +187,24 @@ def _used(log: BodyLog, raw: np.ndarray, period: float, clamped: bool, stops: np
         return np.concatenate([np.zeros((n, 6)), np.repeat(known, 3, 1), np.zeros((n, 8))], 1)
     on = quiet & (share > 0.5)
     flying = quiet & (share < 0.5) & known
-    normal, slip = thinned(raw[:, -8:-4], period), thinned(raw[:, -4:], period)
-    sliding = on & (slip > SLIDING) & (normal > 15.0)
     torso = np.repeat((quiet & known).all(1, keepdims=True), 6, 1)
-    return np.concatenate([torso, np.repeat(flying, 3, 1), on, sliding], 1).astype(float)
+    slides = sliding[_around(len(sliding), period)].any(1)
+    return np.concatenate([torso, np.repeat(flying, 3, 1), on, slides], 1).astype(float)
 
 
 def knocked(log: BodyLog, period: float, stops: np.ndarray) -> np.ndarray:
     """(N, 4) True where, within the filter's reach, a leg is at an end of its joints, which pushes as nobody knows, or
     hits something so hard that no row tells how it moved."""
     window = filter_window(period)
+    near = maximum_filter1d(hits(log, period, stops), window, axis=0)
+    return near[window // 2 : len(near) - window // 2 : DECIMATION]
+
+
+def hits(log: BodyLog, period: float, stops: np.ndarray) -> np.ndarray:
+    """(T, 4) True where a leg is at an end of its joints or hits something."""
     q, turned = log.q[:, 7:], np.abs(np.diff(log.u[:, 6:], axis=0, append=log.u[-1:, 6:]))
     at_end = (q < stops[:, 0] + NEAR_STOP) | (q > stops[:, 1] - NEAR_STOP)
-    hit = (at_end | (turned > IMPACT * period)).reshape(-1, 4, 3).any(2)
-    near = maximum_filter1d(hit, window, axis=0)
-    return near[window // 2 : len(near) - window // 2 : DECIMATION]
+    return (at_end | (turned > IMPACT * period)).reshape(-1, 4, 3).any(2)
 
 
 def roughness(rows: np.ndarray, used: np.ndarray) -> np.ndarray:

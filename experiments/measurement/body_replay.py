@@ -54,7 +54,7 @@ class BodyResidual(NamedTuple):
     foot_force: Array  # (T, 4, 3) force of the ground on each foot, world frame, N
     gap: Array  # (T, 4) distance of the feet to the ground, m
     slip_velocity: Array  # (T, 4) sliding speed of the feet, m/s
-    friction_use: Array  # (T, 4) tangential over normal force, relative to the model's friction coefficient
+    friction: Array  # (T, 4) tangential over normal force, less the model's friction coefficient
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,19 +76,21 @@ class BodyReplay:
 
     def _row(self, params: BodyParams, numbers: EffectNumbers, row: BodyLog) -> BodyResidual:
         q, u = row.q, row.u
-        tau = row.torque - self._drag(u, numbers)
         s = self.bodies.smooth(params, q, u)
         base, legs = row.du[:6], row.du[6:].reshape(4, 3)
         force = jnp.zeros(6, jnp.float32)
         force = force.at[:3].set(self.effects.apply("torso_force", numbers, jnp.zeros(3, jnp.float32)))
         on_torso = mv(s.m_base, base) + mv(s.cross.swapaxes(1, 2), legs).sum(0) + s.bias[:6] - force
-        on_legs = mv(s.cross, base[None]) + mv(s.m_leg, legs) + s.bias[6:].reshape(4, 3) - tau.reshape(4, 3)
+        on_legs = mv(s.cross, base[None]) + mv(s.m_leg, legs) + s.bias[6:].reshape(4, 3)
 
         n = params.terrain.normal[None]
         touching = s.r_WF - params.foot_radius * n
         arm = touching - q[None, :3]
         leg_jacobian = jnp.cross(s.axis, touching[:, None] - s.anchor)  # (4 legs, 3 joints, 3 world)
         on_ground = row.contact * (0.0 if self.clamped else 1.0)
+        carried = on_ground[:, None] * solve3(leg_jacobian, on_legs - row.torque.reshape(4, 3))
+        tau = row.torque - self._drag(u, _radial_load(params, s.axis, carried), numbers)
+        on_legs = on_legs - tau.reshape(4, 3)
         foot_force = on_ground[:, None] * solve3(leg_jacobian, on_legs)
         on_torso = on_torso - jnp.concatenate([foot_force.sum(0), mv(s.R_WB.T, jnp.cross(arm, foot_force).sum(0))])
         omega = mv(s.R_WB, u[3:6])[None]
@@ -109,7 +111,7 @@ class BodyReplay:
             foot_force=foot_force,
             gap=(touching * n).sum(-1) - params.terrain.offset + give,
             slip_velocity=size(sliding),
-            friction_use=size(tangential) / (friction * jnp.maximum(normal, 5.0)),
+            friction=size(tangential) / jnp.maximum(normal, 5.0) - friction,
         )
 
     def _true(self, log: BodyLog, numbers: EffectNumbers) -> BodyLog:
@@ -121,10 +123,18 @@ class BodyReplay:
         du = jnp.concatenate([log.du[:, :6], motion.acceleration], 1)
         return log._replace(q=q, u=u, du=du, torque=torque)
 
-    def _drag(self, u: Array, numbers: EffectNumbers) -> Array:
+    def _drag(self, u: Array, load: Array, numbers: EffectNumbers) -> Array:
         zero = jnp.zeros(12, jnp.float32)
-        signals = no_signals(zero, self.bodies.period)._replace(joint_velocity=u[6:])
+        signals = no_signals(zero, self.bodies.period)._replace(joint_velocity=u[6:], radial_load=load)
         return self.effects.apply("joint_drag", numbers, zero, signals)
+
+
+def _radial_load(params: BodyParams, axis: Array, foot_force: Array) -> Array:
+    """Force across each joint's axis (12,), N: the foot's force less the weight below, inertia left out."""
+    below = jnp.cumsum(params.mass[1:].reshape(4, 3)[:, ::-1], 1)[:, ::-1]
+    force = foot_force[:, None] + below[..., None] * params.gravity[None, None]
+    across = force - (force * axis).sum(-1, keepdims=True) * axis
+    return jnp.sqrt((across * across).sum(-1) + 1e-6).reshape(12)
 
 
 @lru_cache(maxsize=8)

@@ -14,6 +14,7 @@ import numpy as np
 from experiments.effects.delay import LOOP_TIMING
 from experiments.effects.effect import Effect
 from experiments.effects.inertia import LINK_COM
+from experiments.effects.link import BEARING_FRICTION
 from experiments.measurement.atoms import Atoms
 
 SMALL_STEP = 0.05  # of a strength's start, where the residual is close to linear in it
@@ -39,7 +40,8 @@ class Variant(NamedTuple):
     changes: tuple[int, ...]
 
 
-NUISANCES = frozenset({LOOP_TIMING.name, LINK_COM.name})  # fitted beside every hypothesis, never one
+# fitted beside every hypothesis, never one
+NUISANCES = frozenset({LOOP_TIMING.name, LINK_COM.name, BEARING_FRICTION.name})
 SHARP = frozenset(
     {"backlash", "command_delay", "sensor_delay", "stribeck_friction", "spring_hysteresis", "bus_voltage_sag"}
 )
@@ -78,7 +80,8 @@ def _shapes_and_sizes(
     }
     curved = effect.name in SHARP or (effect.memory and effect.name not in NUISANCES)
     sizes = SIZES if curved else (SMALL_STEP,)
-    for shape in sorted(shapes):
+    plain = tuple(sorted(default.items()))  # a nominal number is what the first change of its effect changes
+    for shape in sorted(shapes, key=lambda shape: (shape != plain, shape)):
         for size in sizes:
             yield shape, size
 

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from experiments.effects.delay import LOOP_TIMING
 from experiments.effects.effect import Effect
 from experiments.effects.inertia import LINK_COM
+from experiments.effects.link import BEARING_FRICTION
 from experiments.measurement.features import NUISANCES
 from experiments.measurement.fit_types import Nominal, Refitted
 from experiments.measurement.fit_variables import FARTHEST
 from experiments.model import JointNumbers, Model
 from mjx_starleth.numbers import RobotNumbers, load_numbers
 
-BEARINGS = "joint_coulomb_drag"
 WIDE = 0.06  # relative standard deviation of the numbers of a robot that is not quite its data sheet
 PHASE = 2.5e-4  # s: the velocity loops may run at any time within their 0.5 ms
 HALF_STEP = 5e-5  # s, of the motor: by which the steps of two plants may differ
@@ -68,7 +68,7 @@ def nominal_freedom(model: Model, effects: Sequence[Effect], standing: bool) -> 
 
 def unmodelled(freedom: Sequence[Nominal]) -> tuple[Nominal, ...]:
     """The numbers of a freedom that no robot's model has and every robot does: the friction of loaded bearings."""
-    return tuple(n for n in freedom if n.effect == BEARINGS)
+    return tuple(n for n in freedom if n.effect == BEARING_FRICTION.name)
 
 
 def _freedom(model: Model, standing: bool) -> tuple[Nominal, ...]:
@@ -78,16 +78,9 @@ def _freedom(model: Model, standing: bool) -> tuple[Nominal, ...]:
     numbers, kinds = model.numbers, ("HAA", "HFE", "KFE")
     payload = Nominal("payload", "torso", "mass", WIDE * numbers.bodies.torso.mass)
     links = [Nominal(name, kind, "relative", WIDE) for name in ("link_mass", LINK_COM.name) for kind in kinds]
-    bearings = [Nominal(BEARINGS, kind, "torque", _bearing_friction(numbers)) for kind in kinds if standing]
+    bearings = Nominal(BEARING_FRICTION.name, "all", "coefficient", numbers.drive.bearing_friction_per_radial_load)
     ground = [Nominal("ground_friction", "feet", "relative", WIDE)] if standing else []
-    return (*_drive_freedom(numbers, {kind: kind for kind in kinds}), payload, *links, *bearings, *ground)
-
-
-def _bearing_friction(numbers: RobotNumbers) -> float:
-    """Friction [N m] of a bearing under a quarter of the robot's weight; the inverse dynamics know no such loads."""
-    bodies = numbers.bodies
-    mass = bodies.torso.mass + 4.0 * (bodies.hip.mass + bodies.thigh.mass + bodies.shank.mass)
-    return numbers.drive.bearing_friction_per_radial_load * 0.25 * mass * numbers.gravity
+    return (*_drive_freedom(numbers, {kind: kind for kind in kinds}), payload, *links, bearings, *ground)
 
 
 def _drive_freedom(numbers: RobotNumbers, places: Mapping[str, str]) -> Iterator[Nominal]:
