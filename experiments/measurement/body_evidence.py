@@ -30,7 +30,8 @@ from mjx_starleth.numbers import RobotNumbers
 
 BODY_HOOKS = frozenset("body_parameters measurement measured_motion joint_drag torso_force".split())
 FLOOR_DRAWS = 3
-SLIDING, SLIDING_NOISE = 0.06, 5.0  # m/s, and times its velocity's noise, above which a foot counts as sliding
+# m/s, and times its velocity's noise, above which a foot slides: what is slower may be the creep of a landing foot
+SLIDING, SLIDING_NOISE = 0.15, 5.0
 PRESSED = 15.0  # N on a foot, below which the share that friction takes is mostly noise
 NEAR_STOP = 0.01  # rad from the end of a joint within which it may touch it
 PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
