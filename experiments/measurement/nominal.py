@@ -18,6 +18,7 @@ PHASE = 2.5e-4  # s: the velocity loops may run at any time within their 0.5 ms
 HALF_STEP = 5e-5  # s, of the motor: by which the steps of two plants may differ
 AT_END = 0.99  # of its farthest, from which a number has nowhere to go
 KNOWN = 0.3  # of its prior's deviation, to which a log has to tell a number for it to tell of the others
+NOT_GIVEN = frozenset({LOOP_TIMING.name, BEARING_FRICTION.name})  # no data sheet tells them, none can be off
 SPARE = 2.0  # times what the robot's other numbers are off by, that one may be
 
 
@@ -47,14 +48,14 @@ def as_far_as_others(nominal: Sequence[Nominal], fit: Refitted) -> tuple[Nominal
     told = [
         (abs(value) / n.deviation, n.effect)
         for n, value, spread in zip(nominal, fit.nominal, fit.spread, strict=True)
-        if n.effect != LOOP_TIMING.name and spread < KNOWN * n.deviation
+        if n.effect not in NOT_GIVEN and spread < KNOWN * n.deviation
     ]
     largest = max(Counter(name for _, name in told).values(), default=0)
     if len(told) < 2 * (largest + 1):
         return tuple(nominal)
     typical = sorted((size for size, _ in told), reverse=True)[largest]
     narrower = min(SPARE * typical / FARTHEST, 1.0)
-    return tuple(n if n.effect == LOOP_TIMING.name else n._replace(deviation=narrower * n.deviation) for n in nominal)
+    return tuple(n if n.effect in NOT_GIVEN else n._replace(deviation=narrower * n.deviation) for n in nominal)
 
 
 def nominal_freedom(model: Model, effects: Sequence[Effect], standing: bool) -> tuple[Nominal, ...]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
+from experiments.measurement.features import changes_of
 from experiments.measurement.fit_types import Nominal, Refitted
 from experiments.measurement.fit_variables import FARTHEST
 from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom, unmodelled
@@ -20,7 +21,7 @@ def fit(off: np.ndarray, known: float = 0.05) -> Refitted:
 
 def farthest(numbers: tuple[Nominal, ...]) -> float:
     """How far they may be off, over how far they might before."""
-    return numbers[-1].deviation / NUMBERS[-1].deviation
+    return numbers[0].deviation / NUMBERS[0].deviation
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -49,3 +50,20 @@ def test_the_friction_of_loaded_bearings_is_no_models_and_every_robots() -> None
     for standing in (True, False):
         (bearings,) = unmodelled(nominal_freedom(nominal_model(), effects, standing))
         assert (bearings.effect, bearings.where) == ("bearing_friction", "all") and bearings.deviation > 0
+
+
+def test_a_bearing_may_rub_as_much_as_it_does_however_near_the_other_numbers_are() -> None:
+    off = np.array([1.0 if n.effect == "bearing_friction" else 0.1 for n in NUMBERS])
+    narrowed = as_far_as_others(NUMBERS, fit(off))
+    assert [n for n in narrowed if n.effect == "bearing_friction"] == [
+        n for n in NUMBERS if n.effect == "bearing_friction"
+    ]
+    assert farthest(narrowed) < 0.5
+
+
+def test_a_nominal_number_is_what_the_first_change_of_its_effect_changes() -> None:
+    """The linear score projects out a heavier torso, not a load on one side of it."""
+    changes, variants = changes_of(tuple(LIBRARY.values()))
+    payload = [change for change in changes if change.effect.name == "payload"]
+    assert len(payload) == 9 and all(value == 0.0 for _, value in payload[0].shapes)
+    assert sum(variant.effect.name == "payload" for variant in variants) == 9
