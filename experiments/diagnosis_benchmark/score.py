@@ -7,10 +7,11 @@ import numpy as np
 
 from experiments.effects.places import mask
 from mjx_starleth.names import JOINT_NAMES
+from mjx_starleth.numbers import load_numbers
 
 STRONG = 0.05  # RMS of the effect's torque over that of the command, from which it has to be found
 AT_FLOOR = 1.15  # held-out error over the noise up to which a log counts as explained
-# parameters that the plant and the library count in the same unit: truth's name, answer's name
+# parameters that mean the same to the plant and the library: truth's name, answer's name
 SAME_NUMBER = {
     "coulomb_friction": ("level", "torque"),
     "viscous_friction": ("coefficient", "coefficient"),
@@ -35,6 +36,8 @@ SAME_NUMBER = {
     "torque_sensor_gain": ("change", "relative"),
     "torque_sensor_offset": ("offset", "offset"),
 }
+# and how many of the library's units one of the plant's is, where they differ
+UNITS = {"ground_friction": 1.0 / load_numbers().contact.friction}  # of the coefficient; relative to the nominal one
 RIGID_ROTOR = "bench_rigid"
 
 Case = Mapping[str, Any]
@@ -112,4 +115,4 @@ def _held(case: Case, answer: Answer) -> list[bool]:
         return []
     hidden, named = SAME_NUMBER[effect["effect"]]
     low, high = told["parameters"][named]["ci95"]
-    return [low <= effect["parameters"][hidden]["value"] <= high]
+    return [low <= UNITS.get(effect["effect"], 1.0) * effect["parameters"][hidden]["value"] <= high]

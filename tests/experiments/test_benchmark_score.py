@@ -85,3 +85,12 @@ def test_what_went_wrong_is_told_case_by_case() -> None:
         "missed air: coulomb_friction@HFE (0.06) -> unknown: none",
         "alarm air: none -> explained: coulomb_friction@HFE",
     ]
+
+
+@pytest.mark.parametrize(("low", "held"), [(-0.77, [1, 1]), (-0.62, [0, 1])])
+def test_slippery_ground_is_counted_in_the_librarys_unit(low, held) -> None:
+    """The plant takes 0.6 off the coefficient of 0.8; the library calls that -75 %."""
+    hidden, told = case(("ground_friction", "feet")), answer("explained", ("ground_friction", "feet"))
+    hidden["effects"][0]["parameters"] = {"change": {"value": -0.6}}
+    told["effects"][0]["parameters"] = {"relative": {"ci95": [low, low + 0.04]}}
+    assert table({"one": hidden}, {"one": {"diagnosis": told}}, "diagnosis")["intervals_hold"] == held
