@@ -15,7 +15,7 @@ from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.log import Log
 from experiments.measurement.misfit import FLOOR, Misfit, misfit
 from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import timing
+from experiments.measurement.nominal import never_given
 from experiments.measurement.refit import refit
 from experiments.model import Model
 
@@ -104,7 +104,7 @@ def compare(log: Log, model: Model, library: Mapping[str, Effect]) -> Comparison
     """Replay each part of the plant on what was measured. Raises UserError."""
     used = {e.effect: library[e.effect] for e in model.effects}
     evidence = gather(log, model, used or dict(library), noise_of(log))
-    fit = refit([evidence], (), timing(evidence.atoms.effects), iterations=3)
+    fit = refit([evidence], (), never_given(model, evidence.atoms.effects), iterations=3)
     found = misfit(evidence, fit, 0)
     if isinstance(evidence, JointEvidence):
         return Comparison(evidence, fit, found, (_effort_channel(evidence, fit),), regimes(evidence, fit))

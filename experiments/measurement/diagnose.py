@@ -15,7 +15,7 @@ from experiments.measurement.log import Log
 from experiments.measurement.misfit import Misfit, above_floor, excess, misfit
 from experiments.measurement.next_experiment import NextExperiment, next_experiment
 from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import as_far_as_others, at_end, nominal_freedom, timing, unmodelled
+from experiments.measurement.nominal import as_far_as_others, at_end, never_given, nominal_freedom
 from experiments.measurement.refit import refit
 from experiments.measurement.selection import MOST_EFFECTS, NEGLIGIBLE, NOISE, Selection, leaves_more, select
 from experiments.measurement.verdict import (
@@ -78,7 +78,7 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     """
     standing = any(log.standing for log in evidence)
     freedom = nominal_freedom(model, evidence[0].atoms.effects, standing)
-    given = (*timing(evidence[0].atoms.effects), *unmodelled(freedom))
+    given = never_given(model, evidence[0].atoms.effects)
     strict = select(evidence, given, say, most=0)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
         if above_floor(evidence, strict.fit) <= 0:

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from experiments.effects.bench import GRAVITY_LOAD, elastic_effects
 from experiments.effects.delay import LOOP_TIMING
 from experiments.effects.effect import Effect
+from experiments.effects.link import BEARING_FRICTION
 from experiments.errors import UserError
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.blocks import BLOCK
@@ -50,6 +51,7 @@ def gather(
     if model.numbers is None:
         raise UserError(f"{log.name} is a log of the robot, but the model is a single joint.")
     numbers = model.numbers.model_dump(mode="json")
+    effects = {BEARING_FRICTION.name: BEARING_FRICTION, **effects}
     atoms = Atoms((*effects.values(), LOOP_TIMING), log.joint_names)
     drive = body = None
     if has_drives(log):

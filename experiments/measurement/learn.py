@@ -10,13 +10,13 @@ from experiments.errors import UserError
 from experiments.measurement.belief import interval
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
-from experiments.measurement.fit_types import Placed, Refitted
+from experiments.measurement.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.gather import gather
 from experiments.measurement.linear_score import score
 from experiments.measurement.log import Log
 from experiments.measurement.misfit import misfit
 from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import nominal_freedom, timing
+from experiments.measurement.nominal import NOT_GIVEN, never_given, nominal_freedom
 from experiments.measurement.refit import refit
 from experiments.model import FittedValue, Model, PlacedEffect
 
@@ -51,11 +51,12 @@ def learn(
     used = {e.effect: library[e.effect] for e in kept} | {name: library[name] for name, _ in wanted}
     standing = any(log.experiment == "ground" for log in logs)
     freedom = nominal_freedom(model, tuple(library.values()), standing) if nominal else ()
+    freedom = tuple(n for n in freedom if n.effect not in NOT_GIVEN)
     used |= {n.effect: library[n.effect] for n in freedom}
     evidence = [gather(log, model, used, noise_of(log)) for log in logs]
-    clock = timing(evidence[0].atoms.effects)
-    start = _starts(evidence, wanted)
-    fit = refit(evidence, start, (*freedom, *clock))
+    others = never_given(model, evidence[0].atoms.effects)
+    start = _starts(evidence, wanted, others)
+    fit = refit(evidence, start, (*freedom, *others))
     record = {
         "when": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "logs": [log.name for log in logs],
@@ -64,20 +65,24 @@ def learn(
     }
     for placed, values in _fitted(fit, {e.name: e for e in evidence[0].atoms.effects}):
         model = model.with_effect(PlacedEffect(effect=placed.effect, where=placed.where, parameters=values))
-    for n, value in zip(freedom, fit.nominal, strict=False):  # the clock is the log's, not the robot's
+    for n, value in zip(
+        freedom, fit.nominal, strict=False
+    ):  # not the log's clock, nor bearings: drives have some
         if abs(value) > 0.2 * n.deviation:
             parameters = {n.parameter: FittedValue(value=float(value), unit="")}
             model = model.with_effect(PlacedEffect(effect=n.effect, where=n.where, parameters=parameters))
     return model.model_copy(update={"provenance": (*model.provenance, record)}), fit, evidence
 
 
-def _starts(evidence: Sequence[Evidence], wanted: Sequence[tuple[str, str]]) -> list[Placed]:
-    """Start values: what the linear score suggests for each effect at its place."""
-    clock = timing(evidence[0].atoms.effects)
-    empty = refit(evidence, (), clock, iterations=2)
+def _starts(evidence: Sequence[Evidence], wanted: Sequence[tuple[str, str]], others: Sequence[Nominal]) -> list[Placed]:
+    """Start values: what the linear score suggests for each effect at its place, or what is plausible where an effect
+    is never scored."""
+    known = {effect.name: effect for effect in evidence[0].atoms.effects}
+    empty = refit(evidence, (), others, iterations=2)
     changes, variants = changes_of(evidence[0].atoms.effects, evidence, empty.points)
-    ranking = score(evidence, empty, clock, changes, variants)
-    return [next(Placed(n, w, s.values) for s in ranking if (s.effect.name, s.where) == (n, w)) for n, w in wanted]
+    scored = {(s.effect.name, s.where): s for s in reversed(score(evidence, empty, others, changes, variants))}
+    plausible = lambda name: {p.name: p.start for p in known[name].parameters}  # noqa: E731
+    return [Placed(n, w, scored[n, w].values if (n, w) in scored else plausible(n)) for n, w in wanted]
 
 
 def _fitted(fit: Refitted, library: Mapping[str, Effect]):

@@ -22,7 +22,7 @@ def stages(monkeypatch: pytest.MonkeyPatch, excess: float, above: float) -> list
         return SimpleNamespace(fit=fit, ladder=[SimpleNamespace(fit=None)], nominal=())
 
     stubs = {"select": select, "refit": lambda *_: None, "as_far_as_others": lambda freedom, _: freedom}
-    stubs |= {"at_end": lambda *_: (), "nominal_freedom": lambda *_: (), "timing": lambda _: ()}
+    stubs |= {"at_end": lambda *_: (), "nominal_freedom": lambda *_: (), "never_given": lambda *_: ()}
     stubs |= {
         "above_floor": lambda *_: above,
         "leaves_more": lambda *_: above > LEAST_GAIN,

@@ -111,3 +111,12 @@ def test_a_leg_at_an_end_of_its_joints_or_after_an_impact_tells_nothing() -> Non
     assert not found[0].any() and not found[2].any()
     assert time[found[1]] == pytest.approx(time[np.abs(time - 0.5) < 0.051])
     assert abs(time[found[3]].mean() - 0.75) < 0.01
+
+
+def test_a_number_that_is_never_accused_can_be_learned_all_the_same(log) -> None:
+    library = {name: LIBRARY[name] for name in ("link_com", "bearing_friction")}
+    wanted = [("link_com", "HAA"), ("bearing_friction", "all")]
+    learned, _, _ = learn([log], nominal_model(), library, wanted)
+    assert [(e.effect, e.where) for e in learned.effects] == wanted
+    low, _ = learned.effects[1].parameters["coefficient"].ci95
+    assert low < 1e-4, "the reference plant's bearings do not rub"
