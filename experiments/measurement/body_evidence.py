@@ -143,7 +143,8 @@ def _kept(rows: np.ndarray, sliding: np.ndarray, period: float) -> np.ndarray:
 def _around(rows: int, period: float) -> np.ndarray:
     """Rows (N, DECIMATION) that each row of `thinned` stands for."""
     half = filter_window(period) // 2
-    return np.arange(half, rows - half, DECIMATION)[:, None] + np.arange(DECIMATION) - DECIMATION // 2
+    around = np.arange(half, rows - half, DECIMATION)[:, None] + np.arange(DECIMATION) - DECIMATION // 2
+    return np.clip(around, 0, rows - 1)
 
 
 def residual_rows(replay: BodyReplay, atoms: Atoms, log: BodyLog, xs: np.ndarray) -> np.ndarray:

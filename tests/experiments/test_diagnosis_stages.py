@@ -57,3 +57,9 @@ def test_ripple_lines_are_sought_in_what_is_left_at_the_fit(monkeypatch) -> None
     log = SimpleNamespace(seeds_at=lambda point: {"torque_ripple": ({"harmonic": point},)})
     changes, _ = changes_of(effects, [log], [123.0])
     assert {dict(change.shapes)["harmonic"] for change in changes} == {123.0}
+
+
+def test_a_spring_that_stiffens_is_tried_at_several_strengths() -> None:
+    """A cube says little of itself near zero: its small step scored a twentieth of what another effect promised."""
+    changes, variants = changes_of((LIBRARY["spring_stiffening"],))
+    assert len(variants) == 3 and max(c.step for c in changes) >= 10 * min(c.step for c in changes)
