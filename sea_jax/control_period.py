@@ -61,6 +61,7 @@ def signals_at(
         winding_voltage=params.resistance * state.current + back_emf(params, state.motor_velocity),
         joint_position=motion.position + time * (motion.velocity + 0.5 * turned),
         joint_velocity=motion.velocity + turned,
+        radial_load=motion.radial_load,
     )
 
 

@@ -110,9 +110,7 @@ def replay(
             measurement = measurement._replace(motor_position=delayed(history, whole))
         moved = (command, measurement, _later(motion, lead))
         begun = add_if_at_row((still, still, still), state, 0.0)
-        state, _, (angle, velocity, current) = watched_drive(
-            params, state, moved, hooks, periods, begun, add_if_at_row
-        )
+        state, _, (angle, velocity, current) = watched_drive(params, state, moved, hooks, periods, begun, add_if_at_row)
         angle = angle - timing.angle_lead * velocity
         time = periods.control + timing.loop_phase - read
         end = signals_at(params, state, motion, time, periods.current)

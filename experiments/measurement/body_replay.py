@@ -88,6 +88,7 @@ class BodyReplay:
         arm = touching - q[None, :3]
         leg_jacobian = jnp.cross(s.axis, touching[:, None] - s.anchor)  # (4 legs, 3 joints, 3 world)
         on_ground = row.contact * (0.0 if self.clamped else 1.0)
+        # a bearing's drag is next to nothing of the load that it is in proportion to
         carried = on_ground[:, None] * solve3(leg_jacobian, on_legs - row.torque.reshape(4, 3))
         tau = row.torque - self._drag(u, _radial_load(params, s.axis, carried), numbers)
         on_legs = on_legs - tau.reshape(4, 3)

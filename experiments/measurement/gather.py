@@ -51,7 +51,7 @@ def gather(
     if model.numbers is None:
         raise UserError(f"{log.name} is a log of the robot, but the model is a single joint.")
     numbers = model.numbers.model_dump(mode="json")
-    effects = {BEARING_FRICTION.name: BEARING_FRICTION, **effects}
+    effects = {BEARING_FRICTION.name: BEARING_FRICTION, **effects}  # free in every fit
     atoms = Atoms((*effects.values(), LOOP_TIMING), log.joint_names)
     drive = body = None
     if has_drives(log):

@@ -65,9 +65,8 @@ def learn(
     }
     for placed, values in _fitted(fit, {e.name: e for e in evidence[0].atoms.effects}):
         model = model.with_effect(PlacedEffect(effect=placed.effect, where=placed.where, parameters=values))
-    for n, value in zip(
-        freedom, fit.nominal, strict=False
-    ):  # not the log's clock, nor bearings: drives have some
+    # others are not learned: the clock is the log's, and the simulated drives have bearings of their own
+    for n, value in zip(freedom, fit.nominal, strict=False):
         if abs(value) > 0.2 * n.deviation:
             parameters = {n.parameter: FittedValue(value=float(value), unit="")}
             model = model.with_effect(PlacedEffect(effect=n.effect, where=n.where, parameters=parameters))

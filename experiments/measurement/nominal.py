@@ -68,13 +68,10 @@ def nominal_freedom(model: Model, effects: Sequence[Effect], standing: bool) -> 
 
 
 def never_given(model: Model, effects: Sequence[Effect]) -> tuple[Nominal, ...]:
-    """What is free in every fit of these effects: timing, and the friction of bearings."""
-    return (*timing(effects), *unmodelled(nominal_freedom(model, effects, standing=False)))
-
-
-def unmodelled(freedom: Sequence[Nominal]) -> tuple[Nominal, ...]:
-    """The numbers of a freedom that no robot's model has and every robot does: the friction of loaded bearings."""
-    return tuple(n for n in freedom if n.effect == BEARING_FRICTION.name)
+    """What is free in every fit of these effects: timing, and the friction of loaded bearings, which no robot's model
+    has and every robot does."""
+    bearings = (n for n in nominal_freedom(model, effects, standing=False) if n.effect == BEARING_FRICTION.name)
+    return (*timing(effects), *bearings)
 
 
 def _freedom(model: Model, standing: bool) -> tuple[Nominal, ...]:

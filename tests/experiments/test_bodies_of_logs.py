@@ -18,7 +18,7 @@ from experiments.measurement.fit_types import Placed
 from experiments.measurement.gather import gather
 from experiments.measurement.log_reader import read_log
 from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import nominal_freedom, timing, unmodelled
+from experiments.measurement.nominal import never_given, timing
 from experiments.measurement.refit import refit
 from experiments.model import nominal_model
 
@@ -90,10 +90,9 @@ def test_lighter_links_do_not_make_the_noise_smaller(squat) -> None:
 
 
 def test_the_load_of_a_bearing_rubs_and_no_robot_is_accused_of_it(squat) -> None:
-    (bearings,) = unmodelled(nominal_freedom(nominal_model(), squat.atoms.effects, standing=True))
+    *clock, bearings = never_given(nominal_model(), squat.atoms.effects)
     assert (bearings.effect, bearings.where) == (BEARING_FRICTION.name, "all")
-    numbers = (*timing(squat.atoms.effects), bearings)
-    found = refit([squat], (), numbers).nominal[-1]
+    found = refit([squat], (), (*clock, bearings)).nominal[-1]
     assert found < 0.5 * bearings.deviation, "the reference plant's bearings do not rub"
 
 
@@ -102,8 +101,7 @@ def test_the_bearings_of_the_independent_plant_are_found(tmp_path) -> None:
     write_batch([case], [1], tmp_path)
     log = read_log(tmp_path / "case_0001.csv.gz")
     evidence = gather(log, nominal_model(), effects(BEARING_FRICTION.name), noise_of(log))
-    (bearings,) = unmodelled(nominal_freedom(nominal_model(), evidence.atoms.effects, standing=True))
-    found = refit([evidence], (), (*timing(evidence.atoms.effects), bearings)).nominal[-1]
+    found = refit([evidence], (), never_given(nominal_model(), evidence.atoms.effects)).nominal[-1]
     assert found == pytest.approx(nominal_model().numbers.drive.bearing_friction_per_radial_load, rel=0.15)
 
 
