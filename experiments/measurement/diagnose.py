@@ -10,14 +10,16 @@ from experiments.measurement.evidence import Evidence
 from experiments.measurement.fit_types import Placed
 from experiments.measurement.gather import gather
 from experiments.measurement.joint_evidence import JointEvidence
+from experiments.measurement.ladder import Selection
 from experiments.measurement.leftover import Hint, hints
 from experiments.measurement.log import Log
 from experiments.measurement.misfit import Misfit, above_floor, excess, misfit
 from experiments.measurement.next_experiment import NextExperiment, next_experiment
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import as_far_as_others, at_end, never_given, nominal_freedom
+from experiments.measurement.pruning import take_out_unsteady
 from experiments.measurement.refit import refit
-from experiments.measurement.selection import MOST_EFFECTS, NEGLIGIBLE, NOISE, Selection, leaves_more, select
+from experiments.measurement.selection import MOST_EFFECTS, NEGLIGIBLE, NOISE, leaves_more, select
 from experiments.measurement.verdict import (
     Verdict,
     decide,
@@ -59,6 +61,8 @@ def diagnose(logs: Sequence[Log], model: Model, library: Mapping[str, Effect], s
 def diagnose_evidence(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str], None]) -> Diagnosis:
     """The method on logs that are gathered already."""
     selection = _selected(evidence, model, say)
+    standing = any(log.standing for log in evidence)
+    take_out_unsteady(selection, evidence, nominal_freedom(model, evidence[0].atoms.effects, standing), say)
     verdict, effects = decide(evidence, selection)
     before = tuple(misfit(log, selection.ladder[0].fit, i) for i, log in enumerate(evidence))
     after = tuple(misfit(log, selection.fit, i) for i, log in enumerate(evidence))
@@ -138,6 +142,7 @@ def in_words(
             f"{one.effect} at {one.where} explains some of the logs and makes {one.log} worse: "
             "are they of one robot in one state?"
         )
+    told += [f"{one.in_words()}: no law of the library does, so it is not named." for one in selection.unsteady]
     if verdict not in ("none", "explained") and rest:
         told.append(f"Of what is left, {', and '.join(hint.in_words() for hint in rest[:HINTS_TOLD])}.")
     return " ".join(told)
@@ -156,5 +161,6 @@ def _answer(verdict, effects, selection: Selection, logs, text: str) -> dict[str
         "unexplained_fraction": round(unexplained(logs, selection), 4),
         "ranking": ranking_entries(selection, logs),
         "refuted": [one._asdict() for one in selection.refuted],
+        "unsteady": [one._asdict() for one in selection.unsteady],
         **({"fit_percent": fits} if fits else {}),
     }

@@ -28,6 +28,17 @@ class Point(NamedTuple):
     offset: np.ndarray
 
 
+class LocalPart(NamedTuple):
+    """Columns near a point of one part of a log: what directions and the log's nuisances change, then the residual.
+
+    columns (c, rows, …); index (c,): their places in a gram matrix; block (rows,).
+    """
+
+    columns: np.ndarray
+    index: np.ndarray
+    block: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """The parts of one log; `blocks` is their number of BLOCKs."""
@@ -134,8 +145,16 @@ class Evidence:
 
     def local(self, at: Point, directions: np.ndarray) -> np.ndarray:
         """Gram matrices (blocks, c, c) of a few directions (k, n) at a point: directions, shifts, offsets, residual."""
-        k, joints, channels = len(directions), len(self.atoms.joint_names), self.offsets
-        gram = np.zeros((self.blocks, k + joints + channels + 1, k + joints + channels + 1))
+        width = len(directions) + len(self.coefficients(at)) + 1
+        gram = np.zeros((self.blocks, width, width))
+        for part in self.local_parts(at, directions):
+            add_products(gram, part.columns, part.index, part.block)
+        return gram
+
+    def local_parts(self, at: Point, directions: np.ndarray) -> list[LocalPart]:
+        """The same before products are taken: the columns of the drives, (c, T, J, 3), and the bodies', (c, N, C)."""
+        k, joints, last = len(directions), len(self.atoms.joint_names), len(directions) + len(self.coefficients(at))
+        parts = []
         if self.drive is not None:
             here = [self.atoms.joints_moved(d, DRIVE_HOOKS) for d in directions]
             groups = apart(here)
@@ -146,15 +165,13 @@ class Evidence:
             shift = (r[-1] - r[0]) * (SHIFT_PRIOR / SHIFT_STEP)
             own = np.eye(joints)[:, None, :, None] * shift[None]
             columns = np.concatenate([*(m[None] for m in moved), own, r[:1]])
-            index = np.r_[0 : k + joints, gram.shape[1] - 1]
-            add_products(gram, columns, index, self.block_of_drive())
+            parts.append(LocalPart(columns, np.r_[0 : k + joints, last], self.block_of_drive()))
         if self.body is not None:
             moved = [at, *(at._replace(x=at.x + d) for d in directions)]
             r = self.body_residual(moved) / np.sqrt(self.body.tau)
             columns = np.concatenate([r[1:] - r[:1], self._offset_columns(), r[:1]])
-            index = np.r_[0:k, k + joints : gram.shape[1]]
-            add_products(gram, columns, index, self.block_of_body())
-        return gram
+            parts.append(LocalPart(columns, np.r_[0:k, k + joints : last + 1], self.block_of_body()))
+        return parts
 
     def nuisances(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients of a gram's nuisance columns as changes of shifts (J,) and offsets (C,)."""

@@ -20,7 +20,7 @@ FINALISTS = 5  # effects that are refitted in each round
 NEARLY, MOST_FINALISTS = 0.5, 8
 DOMINATED = 0.05  # of the best linear score: hypotheses below it are not refitted
 SHORT_FIT = 4  # iterations of a finalist's refit
-REFINED = 2  # finalists that are fitted again with all nominal numbers
+REFINED, LONG_FIT = 2, 12  # finalists that are fitted again with all nominal numbers, and its iterations at most
 NEAR = 2.0  # times the best one's chi^2 on held-out blocks that they may leave
 
 
@@ -90,7 +90,7 @@ def _with_nominal(finalists: list[Finalist], logs, nominal, train, test) -> list
     finalists.sort(key=lambda f: f.held_out)
     near = [f for f in finalists[:REFINED] if f.held_out < NEAR * finalists[0].held_out]
     for i, finalist in enumerate(near):
-        fit = refit(logs, finalist.fit.effects, nominal, finalist.fit, train, SHORT_FIT)
+        fit = refit(logs, finalist.fit.effects, nominal, finalist.fit, train, LONG_FIT)
         finalists[i] = finalist._replace(fit=fit, held_out=chi2_on(fit, test))
     return sorted(finalists, key=lambda f: f.held_out)
 

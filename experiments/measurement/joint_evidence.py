@@ -12,7 +12,7 @@ from experiments.effects.effect import Effect
 from experiments.errors import UserError
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.blocks import BLOCK, add_products, sum_blocks
-from experiments.measurement.evidence import Point, changed
+from experiments.measurement.evidence import LocalPart, Point, changed
 from experiments.measurement.features import Change, Products, Seeds
 from experiments.measurement.joint_replay import (
     STILL,
@@ -136,17 +136,23 @@ class JointEvidence:
     def products(self, at: Point, changes: list[Change]) -> Products:
         """Inner products of the features of `changes` and of the residual at a point."""
         moved = [at, *(at._replace(x=changed(self.atoms, at.x, c)) for c in changes)]
-        return Products(self._gram(moved), tuple(range(len(changes))), (), np.zeros(len(changes) + 1))
+        return Products(self._gram(self._part(moved)), tuple(range(len(changes))), (), np.zeros(len(changes) + 1))
 
     def local(self, at: Point, directions: np.ndarray) -> np.ndarray:
         """Gram matrices (blocks, k + 1, k + 1) of a few directions (k, n) at a point, the residual last."""
-        return self._gram([at, *(at._replace(x=at.x + d) for d in directions)])
+        return self._gram(self.local_parts(at, directions)[0])
 
-    def _gram(self, moved: list[Point]) -> np.ndarray:
+    def local_parts(self, at: Point, directions: np.ndarray) -> list[LocalPart]:
+        """The columns of those products, (k + 1, N)."""
+        return [self._part([at, *(at._replace(x=at.x + d) for d in directions)])]
+
+    def _part(self, moved: list[Point]) -> LocalPart:
         r = self.residual(moved)
-        gram = np.zeros((self.blocks, len(moved), len(moved)))
-        columns = np.concatenate([r[1:] - r[:1], r[:1]])
-        add_products(gram, columns, np.arange(len(moved)), self.block_of_rows())
+        return LocalPart(np.concatenate([r[1:] - r[:1], r[:1]]), np.arange(len(moved)), self.block_of_rows())
+
+    def _gram(self, part: LocalPart) -> np.ndarray:
+        gram = np.zeros((self.blocks, len(part.columns), len(part.columns)))
+        add_products(gram, *part)
         return gram
 
     def nuisances(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

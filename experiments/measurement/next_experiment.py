@@ -14,7 +14,7 @@ from experiments.measurement.drive_replay import true_motion
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.excitation import Excitation, excitations
 from experiments.measurement.fit_types import Placed, Refitted
-from experiments.measurement.selection import Selection
+from experiments.measurement.ladder import Selection
 from experiments.model import Model
 from sea_jax import JointMotion
 

@@ -5,28 +5,19 @@ proposes; the non-linear refit on half of the blocks and its error on the other 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
 
-from experiments.measurement.belief import (
-    CLEAR_GAIN,
-    LEAST_GAIN,
-    all_blocks,
-    chi2_on,
-    halves,
-    proven,
-    told_from_none,
-    weight_of,
-)
-from experiments.measurement.choice import Judge, Refuted
+from experiments.measurement.belief import CLEAR_GAIN, LEAST_GAIN, all_blocks, halves, weight_of
+from experiments.measurement.choice import Judge
 from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
 from experiments.measurement.finalists import FINALISTS, SHORT_FIT, Round, at_other_joints
-from experiments.measurement.fit_types import Nominal, Placed, Refitted
+from experiments.measurement.fit_types import Nominal, Refitted
 from experiments.measurement.footprint import noise_at
+from experiments.measurement.ladder import Rung, Selection
 from experiments.measurement.linear_score import Scored, best_of_each, scored_at
 from experiments.measurement.misfit import above_floor, excess
+from experiments.measurement.pruning import take_out_idle, take_out_needless, take_out_unsure
 from experiments.measurement.refit import refit
 
 MOST_EFFECTS = 6
@@ -35,31 +26,6 @@ ALONE = 4.0  # times the next effect's linear score, from which the best one is 
 NEGLIGIBLE = 5e-6  # of the nominal model's misfit: what a strong effect's own equation may be wrong by
 LEAST_REST = 0.005  # of noise's own chi^2, above the floor: a smaller rest is no effect
 NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
-
-
-class Rung(NamedTuple):
-    """A step of the error ladder: the fit to everything, and its proof, the fit to one half of the blocks."""
-
-    name: str
-    fit: Refitted
-    proof: Refitted
-
-
-@dataclass
-class Selection:
-    """What was selected, and all that was considered on the way."""
-
-    fit: Refitted
-    nominal: Sequence[Nominal]
-    elsewhere: Elsewhere
-    ladder: list[Rung] = field(default_factory=list)
-    rankings: list[list[Scored]] = field(default_factory=list)
-    refitted: list[dict[tuple[str, str], float]] = field(default_factory=list)  # held-out chi^2 of each finalist
-    refuted: list[Refuted] = field(default_factory=list)
-    ties: list[list[tuple[str, str]]] = field(default_factory=list)
-    winners: list[Refitted] = field(default_factory=list)
-    rivals: list[list[Refitted]] = field(default_factory=list)  # of each winner, fitted as well as it
-    sure: list[bool] = field(default_factory=list)  # of each winner, when it was chosen
 
 
 def select(
@@ -117,9 +83,9 @@ def select(
         selection.sure.append(sure)
         selection.fit = full
         selection.ladder.append(Rung(f"+ {winner.scored.effect.name}@{winner.scored.where}", full, winner.fit))
-        _pruned(selection, logs, train, test)
-    _without_unsure(selection)
-    _without_idle(selection, logs, train)
+        take_out_needless(selection, logs, train, test)
+    take_out_unsure(selection)
+    take_out_idle(selection, logs, train)
     return selection
 
 
@@ -144,55 +110,3 @@ def stands_out(ranking: Sequence[Scored], logs: Sequence[Evidence]) -> bool:
         if best.gain > max(CLEAR_GAIN, CLEAR_SHARE * noise_at(best.effect, best.where, logs, all_blocks(logs))):
             return True
     return False
-
-
-def _pruned(selection: Selection, logs: Sequence[Evidence], train, test) -> None:
-    """Take out, the last one apart, each effect that the later ones have made needless."""
-    known = {effect.name: effect for effect in logs[0].atoms.effects}
-    for k in reversed(range(len(selection.fit.effects) - 1)):
-        placed, others = selection.fit.effects[k], _others(selection.fit.effects, k)
-        without = refit(logs, others, selection.nominal, selection.fit, train, SHORT_FIT)
-        after = chi2_on(selection.ladder[-1].proof, test)
-        if not proven(known[placed.effect], placed.where, without, after, logs, test):
-            _taken_out(selection, k, logs, train)
-
-
-def _without_idle(selection: Selection, logs: Sequence[Evidence], train) -> None:
-    """Take out each effect that the fit to everything neither tells from none nor needs."""
-    known = {effect.name: effect for effect in logs[0].atoms.effects}
-    for k in reversed(range(len(selection.fit.effects))):
-        placed = selection.fit.effects[k]
-        if told_from_none(known[placed.effect], selection.fit, k):
-            continue
-        without = refit(logs, _others(selection.fit.effects, k), selection.nominal, selection.fit)
-        if not proven(known[placed.effect], placed.where, without, selection.fit.total, logs, all_blocks(logs)):
-            _taken_out(selection, k, logs, train)
-
-
-def _taken_out(selection: Selection, k: int, logs: Sequence[Evidence], train) -> None:
-    """The selection without its k-th effect; the later ones are fitted again."""
-    others = _others(selection.fit.effects, k)
-    for one in (selection.ties, selection.winners, selection.rivals, selection.sure):
-        del one[k]
-    rungs = selection.ladder[: k + 1]
-    for i in range(k + 1, len(others) + 1):
-        full = refit(logs, others[:i], selection.nominal, rungs[-1].fit)
-        proof = refit(logs, full.effects, selection.nominal, full, train, SHORT_FIT)
-        rungs.append(Rung(f"+ {others[i - 1].effect}@{others[i - 1].where}", full, proof))
-    selection.ladder, selection.fit = rungs, rungs[-1].fit
-
-
-def _others(effects: Sequence[Placed], k: int) -> list[Placed]:
-    return [*effects[:k], *effects[k + 1 :]]
-
-
-def _without_unsure(selection: Selection) -> None:
-    """Take back, with all after it, an effect that no later one has helped to tell from none."""
-    effects = {effect.name: effect for effect in selection.elsewhere.logs[0].atoms.effects}
-    for k, (placed, sure) in enumerate(zip(selection.fit.effects, selection.sure, strict=True)):
-        if not sure and not told_from_none(effects[placed.effect], selection.fit, k):
-            for one in (selection.ties, selection.winners, selection.rivals, selection.sure):
-                del one[k:]
-            del selection.ladder[k + 1 :]
-            selection.fit = selection.ladder[-1].fit
-            return

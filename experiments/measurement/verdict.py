@@ -10,9 +10,9 @@ from experiments.measurement.evidence import Evidence
 from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.joint_evidence import JointEvidence
 from experiments.measurement.joint_form import imitated
+from experiments.measurement.ladder import Selection
 from experiments.measurement.linear_score import best_of_each
 from experiments.measurement.misfit import FLOOR, above_floor, excess, misfit
-from experiments.measurement.selection import Selection
 
 Verdict = Literal["explained", "partly_explained", "none", "unknown", "not_identifiable", "data_fault"]
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from experiments.measurement.joint_evidence import JointEvidence
-from experiments.measurement.selection import Rung
+from experiments.measurement.ladder import Rung
 from experiments.reports.figures import line, new_figure
 from experiments.reports.page import Block, Figure
 

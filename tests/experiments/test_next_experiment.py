@@ -13,11 +13,11 @@ from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.excitation import FASTEST, excitations
 from experiments.measurement.fit_types import Placed
 from experiments.measurement.gather import gather
+from experiments.measurement.ladder import Selection
 from experiments.measurement.log_reader import read_log
 from experiments.measurement.next_experiment import next_experiment, separation, write_commands
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.refit import refit
-from experiments.measurement.selection import Selection
 from experiments.model import nominal_model
 
 DATA = Path(__file__).parents[1] / "data"

@@ -13,10 +13,12 @@ from experiments.measurement.belief import Finalist, loud, plain, simplest, told
 from experiments.measurement.choice import Judge
 from experiments.measurement.finalists import Round, at_other_joints
 from experiments.measurement.fit_types import Placed, Refitted
+from experiments.measurement.ladder import Rung, Selection
 from experiments.measurement.linear_score import Scored
 from experiments.measurement.misfit import _enough
+from experiments.measurement.pruning import take_out_idle, take_out_unsure
 from experiments.measurement.refit import _plausible
-from experiments.measurement.selection import Rung, Selection, _promises, _without_idle, _without_unsure, stands_out
+from experiments.measurement.selection import _promises, stands_out
 from mjx_starleth.names import JOINT_NAMES
 
 NOISE, BEFORE = 1000.0, 9000.0  # chi^2 of noise alone, and without any effect
@@ -192,7 +194,7 @@ def test_an_effect_that_no_later_one_has_helped_to_tell_from_none_is_taken_back(
     selection = Selection(fits[2], (), SimpleNamespace(logs=[log]), ladder=[Rung("", fit, fit) for fit in fits])
     selection.ties, selection.winners, selection.rivals = [[], []], fits[1:], [[], []]
     selection.sure = [False, True]
-    _without_unsure(selection)
+    take_out_unsure(selection)
     assert len(selection.fit.effects) == len(selection.ties) == len(selection.winners) == kept
     assert len(selection.ladder) == kept + 1
 
@@ -207,10 +209,10 @@ def test_an_effect_that_the_whole_fit_neither_tells_from_none_nor_needs_is_taken
     friction = Placed("coulomb_friction", "all", {"torque": 4e-3})
     fit = replace(before, effects=(play, friction), covariance=np.diag([1e-8, spread**2]))
     fitted = replace(fit, effects=(play,), chi2=(np.array([without]),), covariance=np.diag([1e-8]))
-    monkeypatch.setattr("experiments.measurement.selection.refit", lambda *_: fitted)
+    monkeypatch.setattr("experiments.measurement.pruning.refit", lambda *_: fitted)
     ladder = [Rung("", before, before), Rung("", fitted, fitted), Rung("", fit, fit)]
     selection = Selection(fit, (), None, ladder, ties=[[], []], winners=[fit] * 2, rivals=[[], []], sure=[True, True])
-    _without_idle(selection, [log], [np.ones(1, bool)])
+    take_out_idle(selection, [log], [np.ones(1, bool)])
     assert len(selection.fit.effects) == kept == len(selection.ties) == len(selection.ladder) - 1
 
 

@@ -1,0 +1,85 @@
+"""An effect whose strength would have to change along the log is another law, and is not named."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.effects.library import LIBRARY
+from experiments.measurement.check import check
+from experiments.measurement.diagnose import diagnose
+from experiments.measurement.evidence import Evidence
+from experiments.measurement.fit_types import Placed
+from experiments.measurement.gather import gather, model_for
+from experiments.measurement.log import Log
+from experiments.measurement.log_reader import read_log
+from experiments.measurement.noise_floor import noise_of
+from experiments.measurement.nominal import never_given
+from experiments.measurement.refit import refit
+from experiments.measurement.states import states_of
+from experiments.measurement.steadiness import changes_in
+from experiments.model import nominal_model
+from tests.experiments.test_bench_joint import GEARED, SILENT, bench_log
+
+AIR = Path(__file__).parents[1] / "data" / "air_reference_1500ms.csv.gz"
+WEAK = {"torque_constant": {"relative": -0.2}, "viscous_friction": {"coefficient": 1e-4}}
+
+
+def fading(share: float) -> Log:
+    """A bench joint with dry friction that falls (or grows) by a share of itself to both sides of the mean."""
+    clean, rubs = bench_log(), bench_log(coulomb=0.35)
+    ramp = np.linspace(1.0 + share, 1.0 - share, clean.rows)[:, None]
+    without, with_it = (log.signals["applied_torque"] for log in (clean, rubs))
+    effort = replace(without, values=without.values + ramp * (with_it.values - without.values))
+    return replace(clean, signals={**clean.signals, "applied_torque": effort})
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.0, "explained"), (0.5, "unknown")])
+def test_friction_that_fades_while_the_joint_runs_has_no_name(share: float, verdict: str) -> None:
+    log = fading(share)
+    assert check(log, {}) == []
+    found = diagnose([log], model_for(log, nominal_model()), GEARED, SILENT)
+    assert found.verdict == verdict, found.text
+    names = [entry["effect"] for entry in found.answer["effects"]]
+    assert names == (["coulomb_friction"] if verdict == "explained" else [])
+    assert [one["state"] for one in found.answer["unsteady"]] == ([] if verdict == "explained" else ["time"])
+
+
+@pytest.fixture(scope="module")
+def air() -> Evidence:
+    log = read_log(AIR)
+    model = nominal_model()
+    return gather(log, model_for(log, model), LIBRARY, noise_of(log))
+
+
+def with_a_law(air: Evidence, placed: Placed, state: str | None) -> Evidence:
+    """A log whose drives have an effect that grows from nothing to twice its strength with a state."""
+    start = air.start()
+    there = start._replace(x=air.atoms.placed(start.x, [placed]))
+    without, with_it = air.drive.predict(np.stack([start.x, there.x]), np.zeros((2, 12)))
+    size = 1.0 if state is None else 1.0 + next(iter(states_of(air)))[state]
+    drive = replace(air.drive, measured=air.drive.measured + size * (with_it - without))
+    return replace(air, drive=drive, drives_known=type(air.drives_known)())
+
+
+@pytest.mark.parametrize(
+    ("effect", "state"),
+    [*(("torque_constant", state) for state in (None, "time", "position", "load")), ("viscous_friction", "speed")],
+)
+def test_a_drive_s_law_that_goes_with_a_state_is_told_by_that_state(air, effect: str, state: str | None) -> None:
+    placed = Placed(effect, "LH_HFE", WEAK[effect])
+    log, nominal = with_a_law(air, placed, state), never_given(nominal_model(), air.atoms.effects)
+    fit = refit([log], [placed], nominal)
+    found = changes_in([log], fit, nominal)
+    assert [(one.effect, one.where, one.state) for one in found] == ([(effect, "LH_HFE", state)] if state else [])
+    assert all(0.3 < one.share < 2.0 for one in found)
+
+
+def test_several_logs_judge_together(air) -> None:
+    placed = Placed("torque_constant", "LH_HFE", WEAK["torque_constant"])
+    nominal = never_given(nominal_model(), air.atoms.effects)
+    one, both = with_a_law(air, placed, "time"), with_a_law(air, placed, None)
+    (alone,) = changes_in([one], refit([one], [placed], nominal), nominal)
+    (together,) = changes_in([one, both], refit([one, both], [placed], nominal), nominal)
+    assert together.state == "time" and 0.3 * alone.share < together.share < alone.share
