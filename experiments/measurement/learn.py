@@ -7,18 +7,18 @@ from experiments.effects.effect import Effect
 from experiments.effects.library import find_effect
 from experiments.effects.places import mask
 from experiments.errors import UserError
-from experiments.measurement.belief import interval
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
 from experiments.measurement.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.gather import gather
+from experiments.measurement.learned import with_learned
 from experiments.measurement.linear_score import score
 from experiments.measurement.log import Log
 from experiments.measurement.misfit import misfit
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import NOT_GIVEN, never_given, nominal_freedom
 from experiments.measurement.refit import refit
-from experiments.model import FittedValue, Model, PlacedEffect
+from experiments.model import Model
 
 
 def parse_place(text: str, library: Mapping[str, Effect], joint_names: Sequence[str]) -> tuple[str, str]:
@@ -42,7 +42,8 @@ def learn(
     wanted: Sequence[tuple[str, str]],
     nominal: bool = False,
 ) -> tuple[Model, Refitted, list[Evidence]]:
-    """The model with the wanted effects, fitted; effects that it already has stay as they are, unless wanted again.
+    """The model with the wanted effects, fitted; effects that it has already stay, and add to what is learned where
+    their places overlap, unless they are wanted again.
 
     nominal: fit the robot's nominal numbers beside them, within what a data sheet may be off by.
     """
@@ -63,13 +64,8 @@ def learn(
         "effects": [f"{p.effect}@{p.where}" for p in fit.effects],
         "worst_error_over_noise": [round(misfit(e, fit, i).worst, 3) for i, e in enumerate(evidence)],
     }
-    for placed, values in _fitted(fit, {e.name: e for e in evidence[0].atoms.effects}):
-        model = model.with_effect(PlacedEffect(effect=placed.effect, where=placed.where, parameters=values))
     # others are not learned: the clock is the log's, and the simulated drives have bearings of their own
-    for n, value in zip(freedom, fit.nominal, strict=False):
-        if abs(value) > 0.2 * n.deviation:
-            parameters = {n.parameter: FittedValue(value=float(value), unit="")}
-            model = model.with_effect(PlacedEffect(effect=n.effect, where=n.where, parameters=parameters))
+    model = with_learned(model, evidence[0].atoms, fit, freedom)
     return model.model_copy(update={"provenance": (*model.provenance, record)}), fit, evidence
 
 
@@ -82,14 +78,3 @@ def _starts(evidence: Sequence[Evidence], wanted: Sequence[tuple[str, str]], oth
     scored = {(s.effect.name, s.where): s for s in reversed(score(evidence, empty, others, changes, variants))}
     plausible = lambda name: {p.name: p.start for p in known[name].parameters}  # noqa: E731
     return [Placed(n, w, scored[n, w].values if (n, w) in scored else plausible(n)) for n, w in wanted]
-
-
-def _fitted(fit: Refitted, library: Mapping[str, Effect]):
-    k = 0
-    for placed in fit.effects:
-        units = {p.name: p.unit for p in library[placed.effect].parameters}
-        values = {}
-        for name, value in placed.parameters.items():
-            values[name] = FittedValue(value=value, ci95=interval(fit, k, value), unit=units[name])
-            k += 1
-        yield placed, values

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rigid_bench import GEARED, SILENT, bench_log
 
 from experiments.effects.library import LIBRARY
 from experiments.measurement.check import check
@@ -20,7 +21,6 @@ from experiments.measurement.refit import refit
 from experiments.measurement.states import states_of
 from experiments.measurement.steadiness import changes_in
 from experiments.model import nominal_model
-from tests.experiments.test_bench_joint import GEARED, SILENT, bench_log
 
 AIR = Path(__file__).parents[1] / "data" / "air_reference_1500ms.csv.gz"
 WEAK = {"torque_constant": {"relative": -0.2}, "viscous_friction": {"coefficient": 1e-4}}
