@@ -180,18 +180,28 @@ def settled(contact: np.ndarray, period: float) -> np.ndarray:
     return np.abs(share - 0.5) > 0.499
 
 
+def shows_bodies(log: Log) -> bool:
+    """Whether a log tells how the bodies move and what moves them: of a torso on the ground, where it is as well."""
+    pose = (log.vector(name) for name in ("base_position", "base_orientation"))
+    seen = log.experiment == "fixed_base" or all(table is not None for table in pose)
+    return seen and log.joints("joint_torque") is not None
+
+
 def _base_motion(log: Log) -> tuple[np.ndarray, np.ndarray]:
-    rows = log.rows
-    level = np.tile([1.0, 0, 0, 0], (rows, 1))
     if log.experiment == "fixed_base":
-        return np.concatenate([np.zeros((rows, 3)), level], 1), np.zeros((rows, 6))
+        return np.tile([0.0, 0, 0, 1, 0, 0, 0], (log.rows, 1)), np.zeros((log.rows, 6))
     position, orientation = log.vector("base_position"), log.vector("base_orientation")
     linear, angular = log.vector("base_linear_velocity"), log.vector("base_angular_velocity")
-    position = np.zeros((rows, 3)) if position is None else position
-    orientation = level if orientation is None else orientation
     linear = np.gradient(position, log.sample_period, axis=0) if linear is None else linear
-    angular = np.zeros((rows, 3)) if angular is None else angular
+    angular = _turning(orientation, log.sample_period) if angular is None else angular
     return np.concatenate([position, orientation], 1), np.concatenate([linear, angular], 1)
+
+
+def _turning(orientation: np.ndarray, period: float) -> np.ndarray:
+    """Angular velocity in the torso's frame (T, 3) of its orientation (T, 4): twice the conjugate times its rate."""
+    w, v = orientation[:, :1], orientation[:, 1:]
+    rate = np.gradient(orientation, period, axis=0)
+    return 2.0 * (w * rate[:, 1:] - v * rate[:, :1] - np.cross(v, rate[:, 1:]))
 
 
 def mv(a: Array, v: Array) -> Array:

@@ -65,6 +65,9 @@ class Comparison:
 
     def in_words(self) -> str:
         """The comparison in one or two sentences."""
+        return " ".join(filter(None, (self._verdict(), self.log.not_judged)))
+
+    def _verdict(self) -> str:
         name, worst = self.log.name, self.worst
         at = f"{worst.name}: {worst.over_noise:.2f} times the noise"
         if self.explained:

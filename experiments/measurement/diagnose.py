@@ -136,7 +136,7 @@ def in_words(
         "unknown": "Something is missing that no effect of the library explains.",
         "data_fault": "The log itself is faulty.",
     }[verdict]
-    told = [verdict_text]
+    told = [verdict_text, *(log.not_judged for log in logs if log.not_judged)]
     for one in selection.refuted:
         told.append(
             f"{one.effect} at {one.where} explains some of the logs and makes {one.log} worse: "

@@ -59,6 +59,18 @@ class Evidence:
         return 0 if self.body is None else len(self.body.channels)
 
     @property
+    def not_judged(self) -> str:
+        """What the log does not show, in one sentence; empty where it shows all."""
+        if self.body is None:
+            return (
+                f"Only the drives of {self.name} are judged: for bodies and contact log joint_torque and, on the "
+                "ground, base_position and base_orientation."
+            )
+        if self.drive is None:
+            return f"Only the bodies of {self.name} are judged: for the drives log their commands and motor_position."
+        return ""
+
+    @property
     def standing(self) -> bool:
         """Whether the log shows the robot on the ground."""
         return isinstance(self.body, BodyEvidence) and not self.body.replay.clamped

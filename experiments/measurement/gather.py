@@ -10,6 +10,7 @@ from experiments.errors import UserError
 from experiments.measurement.atoms import Atoms
 from experiments.measurement.blocks import BLOCK
 from experiments.measurement.body_evidence import body_evidence
+from experiments.measurement.body_replay import shows_bodies
 from experiments.measurement.drive_evidence import drive_evidence
 from experiments.measurement.drive_log import drive_log, has_drives
 from experiments.measurement.drive_of_bench import drive_of
@@ -57,10 +58,13 @@ def gather(
     if has_drives(log):
         params, periods = params_from_numbers(numbers), periods_from_numbers(numbers)
         drive = drive_evidence(atoms, params, periods, drive_log(log), log.sample_period, noise)
-    if log.joints("joint_torque") is not None:
+    if shows_bodies(log):
         body = body_evidence(atoms, model.numbers, log, noise)
     if drive is None and body is None:
-        raise UserError(f"{log.name} shows neither drives (commands and motor positions) nor joint torques: log them.")
+        raise UserError(
+            f"{log.name} shows neither drives (commands and motor positions) nor bodies (joint torques and, on the "
+            "ground, the torso's position and orientation): log them."
+        )
     return _evidence(log, model, atoms, drive, body)
 
 

@@ -85,6 +85,7 @@ class JointEvidence:
     drive: None = field(default=None)
     body: None = field(default=None)
     standing: bool = field(default=False)
+    not_judged: str = field(default="")
 
     def start(self) -> Point:
         """Where every fit begins: the model's own effects."""

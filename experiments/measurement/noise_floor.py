@@ -21,6 +21,8 @@ USUAL = {
     "base_angular_velocity": 0.005,
     "base_acceleration": 0.05,
 }
+# velocities that are central differences of another signal where they were not logged, per unit of its own rate
+DIFFERENTIATED = {"base_linear_velocity": ("base_position", 1.0), "base_angular_velocity": ("base_orientation", 2.0)}
 
 
 def noise_of(log: Log) -> dict[str, float]:
@@ -30,7 +32,11 @@ def noise_of(log: Log) -> dict[str, float]:
         estimate = estimated(table.values)
         if name in USUAL and estimate > 0:
             known[name] = estimate
-    return known | {name: std for name, std in log.noise_std.items() if std > 0}
+    known |= {name: std for name, std in log.noise_std.items() if std > 0}
+    for name, (source, factor) in DIFFERENTIATED.items():
+        if name not in log.signals and source in log.signals:
+            known[name] = factor * known[source] / (np.sqrt(2.0) * log.sample_period)
+    return known
 
 
 def estimated(values: np.ndarray) -> float:

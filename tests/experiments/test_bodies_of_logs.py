@@ -1,5 +1,6 @@
 """What a log's bodies are judged by: noise makes no number look better, and feet that slide tell of the ground."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,12 @@ from experiments.independent_plant.library import Effect as Hidden
 from experiments.independent_plant.runner import Case
 from experiments.independent_plant.sensors import SensorSettings
 from experiments.measurement.body_evidence import CHANNELS
-from experiments.measurement.body_replay import BodyLog
+from experiments.measurement.body_replay import BodyLog, body_log
 from experiments.measurement.calm_log import calm_log
+from experiments.measurement.compare import compare
 from experiments.measurement.fit_types import Placed
 from experiments.measurement.gather import gather
+from experiments.measurement.log import Log
 from experiments.measurement.log_reader import read_log
 from experiments.measurement.noise_floor import noise_of
 from experiments.measurement.nominal import never_given, timing
@@ -77,6 +80,29 @@ def test_a_motion_of_nothing_but_noise_is_calm() -> None:
 def squat():
     log = read_log(DATA / "squat_reference_1500ms.csv.gz")
     return gather(log, nominal_model(), effects("link_mass", BEARING_FRICTION.name), noise_of(log))
+
+
+def without(log: Log, *signals: str) -> Log:
+    return replace(log, signals={name: table for name, table in log.signals.items() if name not in signals})
+
+
+@pytest.mark.parametrize("missing", ["base_position", "base_orientation"])
+def test_of_a_robot_whose_torso_was_not_seen_only_the_drives_are_judged(missing: str) -> None:
+    log = without(read_log(DATA / "squat_reference_1500ms.csv.gz"), missing)
+    found = compare(log, nominal_model(), effects("link_mass"))
+    assert found.misfit.body is None and found.explained and "Only the drives" in found.in_words()
+
+
+def test_velocities_that_were_not_logged_come_from_the_pose_with_its_noise() -> None:
+    log = read_log(DATA / "squat_reference_1500ms.csv.gz")
+    shorter = without(log, "base_angular_velocity", "base_linear_velocity")
+    logged, derived = body_log(log).u[:, :6], body_log(shorter).u[:, :6]
+    noise = noise_of(shorter)
+    for axes, name in ((slice(0, 3), "base_linear_velocity"), (slice(3, 6), "base_angular_velocity")):
+        error = (derived - logged)[5:-5, axes]
+        assert error.std() == pytest.approx(noise[name], rel=0.2) and abs(error.mean()) < 0.1 * noise[name]
+    found = compare(shorter, nominal_model(), effects("link_mass"))
+    assert found.explained, found.in_words()
 
 
 def test_lighter_links_do_not_make_the_noise_smaller(squat) -> None:

@@ -51,7 +51,7 @@ def read(name: str) -> dict[str, np.ndarray]:
     with gzip.open(DATA / f"{name}_1500ms.csv.gz", "rt") as file:
         head, *rows = csv.reader(file)
     table = np.array([[float(cell or "nan") for cell in row] for row in rows], np.float32)
-    signals = {column.split("/")[0] for column in head} - {"time"}
+    signals = {column.split("/")[0] for column in head if column.endswith("LF_HAA")}
     return {s: table[:, [head.index(f"{s}/{joint}") for joint in JOINT_NAMES]] for s in signals}
 
 
