@@ -233,7 +233,11 @@ def _noisy(rng: np.random.Generator, log: BodyLog, noise: Mapping[str, float], p
 
 
 def correlation_rows(error: np.ndarray, block: int = 40) -> np.ndarray:
-    """Variance of block means over that of independent rows, at least 1: (channels,) from draws (D, N, channels)."""
+    """Variance of block means over that of independent rows, at least 1: (channels,) from draws (D, N, channels).
+
+    Fewer rows than a block's are one block.
+    """
+    block = min(block, error.shape[1])
     n = error.shape[1] // block * block
     means = error[:, :n].reshape(error.shape[0], -1, block, error.shape[2]).mean(2)
     single = (error**2).mean((0, 1))

@@ -18,6 +18,7 @@ from experiments.measurement.evidence import Evidence
 from experiments.measurement.joint_evidence import JointEvidence, joint_evidence
 from experiments.measurement.load_evidence import load_evidence
 from experiments.measurement.log import Log
+from experiments.measurement.misfit import enough
 from experiments.model import JointNumbers, Model
 from mjx_starleth.numbers import load_numbers
 from sea_jax import params_from_numbers, periods_from_numbers
@@ -46,9 +47,12 @@ def gather(
     log: Log, model: Model, effects: Mapping[str, Effect], noise: Mapping[str, float]
 ) -> Evidence | JointEvidence:
     """Everything that a log says; the model's own effects are among `effects`. Raises UserError."""
+    if log.robot == "joint" and (model.joint is None or model.joint.drive == "rigid"):
+        return joint_evidence(log, model, effects, noise)
+    if log.rows * log.sample_period < BLOCK:
+        raise UserError(f"{log.name} is shorter than {BLOCK:g} s, too short to be judged; record a longer motion.")
     if log.robot == "joint":
-        elastic = model.joint is not None and model.joint.drive != "rigid"
-        return _elastic_joint(log, model, effects, noise) if elastic else joint_evidence(log, model, effects, noise)
+        return _elastic_joint(log, model, effects, noise)
     if model.numbers is None:
         raise UserError(f"{log.name} is a log of the robot, but the model is a single joint.")
     numbers = model.numbers.model_dump(mode="json")
@@ -78,6 +82,9 @@ def _elastic_joint(log: Log, model: Model, effects: Mapping[str, Effect], noise:
 
 
 def _evidence(log: Log, model: Model, atoms: Atoms, drive, body) -> Evidence:
+    tells = drive is not None and drive.used.any()
+    if not tells and (body is None or not enough(body.channels, body.used.sum(0)).any()):
+        raise UserError(f"{log.name}: no channel has rows enough to be judged; record a longer or calmer motion.")
     blocks = max(int(log.rows * log.sample_period / BLOCK), 1)
     x = atoms.placed(atoms.off(), model.effects)
     return Evidence(log.name, atoms, drive, body, blocks, log.sample_period, x)

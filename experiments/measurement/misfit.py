@@ -53,11 +53,11 @@ def misfit(log: Evidence | JointEvidence, fit: Refitted, index: int, blocks: np.
         # smoothed rows share their noise: what is slower than the filter is weighed as it deserves
         square = (r**2).sum(0) + log.body.tau * log.constant_errors(point)[blocks].sum(0)
         size = np.sqrt(square / np.maximum(count, 1))
-        body = np.where(_enough(log.body.channels, count), size, np.nan)
+        body = np.where(enough(log.body.channels, count), size, np.nan)
     return Misfit(drive, body)
 
 
-def _enough(channels: Sequence[str], count: np.ndarray) -> np.ndarray:
+def enough(channels: Sequence[str], count: np.ndarray) -> np.ndarray:
     """Which channels have rows enough (C,) to tell their size; the feet slide on one ground and count together."""
     feet = np.array([name.startswith("friction/") for name in channels])
     together = np.where(feet, (count * feet).sum(), count)

@@ -11,7 +11,7 @@ from experiments.measurement.log import SIGNALS, Log
 from experiments.measurement.lost_rows import lost_without_trace
 from experiments.measurement.matching import Array
 
-LEAST_ROWS: Final = 20  # below, no filter and no fit has anything to work on
+LEAST_ROWS: Final = 20  # below, no check has anything to work on; what a fit needs, `gather` asks for
 _PERIOD_OFF: Final = 0.02  # share by which the JSON's sample period may differ from the time stamps
 _GAP: Final = 1.5  # periods between two rows from which on a row may be missing
 _NEIGHBOURS: Final = 5  # rows on either side that tell a lost row from a late stamp

@@ -6,22 +6,25 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
+from experiments.errors import UserError
 from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.runner import Case
 from experiments.independent_plant.sensors import SensorSettings
-from experiments.measurement.body_evidence import knocked
+from experiments.measurement.body_evidence import correlation_rows, knocked
 from experiments.measurement.body_replay import DECIMATION, BodyLog, filter_window
 from experiments.measurement.compare import compare, whiteness
 from experiments.measurement.drive_evidence import rows_that_count
 from experiments.measurement.drive_log import DriveLog
 from experiments.measurement.gather import gather
 from experiments.measurement.learn import learn, parse_place
+from experiments.measurement.log import Log, SignalTable
 from experiments.measurement.log_reader import read_log
 from experiments.measurement.misfit import misfit
 from experiments.measurement.noise_floor import estimated, noise_of
 from experiments.measurement.nominal import timing
 from experiments.measurement.refit import refit
 from experiments.model import FittedValue, PlacedEffect, load_model, nominal_model, save_model
+from mjx_starleth.names import LEGS
 
 DATA = Path(__file__).parents[1] / "data"
 SAME_AS_NOISE = 1.45  # residual over noise of a right model: the worst of 36 channels on 600 rows
@@ -120,3 +123,39 @@ def test_a_number_that_is_never_accused_can_be_learned_all_the_same(log) -> None
     assert [(e.effect, e.where) for e in learned.effects] == wanted
     low, _ = learned.effects[1].parameters["coefficient"].ci95
     assert low < 1e-4, "the reference plant's bearings do not rub"
+
+
+def of_bodies(log: Log, rows: int, **changed: SignalTable) -> Log:
+    """The first rows of a log without its drives; some signals changed."""
+    tables = {signal: table for signal, table in log.signals.items() if not signal.startswith(("command", "motor"))}
+    tables |= changed
+    tables = {signal: SignalTable(table.names, table.values[:rows]) for signal, table in tables.items()}
+    return log.on_time(log.time[:rows], log.sample_period, tables)
+
+
+@pytest.mark.parametrize("rows", [30, 120, 199])
+def test_a_log_too_short_to_be_judged_is_refused(log, rows: int) -> None:
+    with pytest.raises(UserError, match="too short to be judged"):
+        compare(of_bodies(log, rows), nominal_model(), {})
+
+
+def test_the_shortest_log_that_is_judged_does_not_hide_a_wrong_torque() -> None:
+    log = read_log(DATA / "air_reference_1500ms.csv.gz")
+    torque = log.signals["joint_torque"]
+    doubled = SignalTable(torque.names, 2.0 * torque.values)
+    logs = (of_bodies(log, 200), of_bodies(log, 200, joint_torque=doubled))
+    right, wrong = (compare(one, nominal_model(), {}).misfit.worst for one in logs)
+    assert 0.0 < right < SAME_AS_NOISE < 4.0 < wrong
+
+
+def test_a_log_none_of_whose_rows_tell_anything_is_refused(log) -> None:
+    flicker = SignalTable(LEGS, np.arange(log.rows)[:, None] // 4 % 2 * np.ones(4))
+    with pytest.raises(UserError, match="no channel has rows enough"):
+        compare(of_bodies(log, 600, foot_contact=flicker), nominal_model(), {})
+
+
+@pytest.mark.parametrize("rows", [1, 39, 40, 41, 400])
+def test_the_correlation_of_few_rows_is_a_number(rows: int) -> None:
+    error = np.random.default_rng(0).standard_normal((3, rows, 2))
+    assert np.isfinite(correlation_rows(error)).all()
+    assert correlation_rows(np.ones((3, rows, 2))) == pytest.approx(min(rows, 40))
