@@ -10,13 +10,18 @@ LONGEST = 8  # control periods that a history holds beside the present: 20 ms at
 
 
 def delayed(history: Array, delay_in_periods: Array) -> Array:
-    """A history (places, LONGEST + 1), newest first, at a delay in periods (places,), linear between its entries."""
+    """A history (places, LONGEST + 1), newest first, at a delay in periods (places,), linear between its entries.
+
+    What was before the oldest entry is the oldest.
+    """
     age = jnp.arange(LONGEST + 1, dtype=history.dtype)[None, :]
-    return (_hat(delay_in_periods[:, None] - age) * history).sum(-1)
+    return (_hat(_within(delay_in_periods)[:, None] - age) * history).sum(-1)
 
 
 def earlier(rows: Array, periods: Array) -> Array:
-    """Rows (T, J) as they stood so many whole periods (J,) before; what was before the first row is the first."""
+    """Rows (T, J) as they stood so many whole periods (J,) before, at most LONGEST; what was before the first row is
+    the first."""
+    periods = _within(periods)
     first = jnp.repeat(rows[:1], LONGEST, 0)
     known = jnp.concatenate([first, rows])
     count = len(rows)
@@ -24,14 +29,16 @@ def earlier(rows: Array, periods: Array) -> Array:
 
 
 def later(rows: Array, periods: Array) -> Array:
-    """Rows (T, J) as they stand so many periods (J,) afterwards, linear in between; the last row stays."""
+    """Rows (T, J) as they stand so many periods (J,) afterwards, at most LONGEST, linear in between; the last row
+    stays."""
+    periods = _within(periods)
     return _summed(_ahead(rows), lambda k: _hat(periods - k), rows)
 
 
 def motion_later(motion: JointMotion, time: Array, period: float) -> JointMotion:
     """Motion on rows (T, J) as it is `time` (J,) s afterwards, 0 to LONGEST periods: positions by the cubic through two
     rows' positions and velocities, the others linear in between."""
-    periods = time / period
+    periods = _within(time / period)
     cubic = _summed(_ahead(motion.position), lambda k: _cubic(periods - k), motion.position)
     turned = _summed(_ahead(motion.velocity), lambda k: _slope(periods - k), motion.velocity)
     return JointMotion(
@@ -53,6 +60,11 @@ def _summed(at: Callable[[int], Array], weight: Callable[[int], Array], like: Ar
     for k in range(LONGEST + 1):
         total = total + weight(k).astype(like.dtype)[None] * at(k)
     return total
+
+
+def _within(periods: Array) -> Array:
+    """Periods that a history reaches. Not jnp.clip, which halves the slope at 0, where fits start."""
+    return jnp.where(periods < 0.0, 0.0, jnp.where(periods < LONGEST, periods, float(LONGEST)))
 
 
 def _hat(late: Array) -> Array:

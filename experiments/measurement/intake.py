@@ -8,6 +8,7 @@ from experiments.errors import UserError
 from experiments.measurement.check import check
 from experiments.measurement.column_map import read_column_map
 from experiments.measurement.faults import Fault
+from experiments.measurement.gather import model_for
 from experiments.measurement.log import Log
 from experiments.measurement.log_reader import read_log
 from experiments.measurement.resample import resample
@@ -37,7 +38,7 @@ class LogFault(UserError):
 
 
 def read_checked(path: Path, columns: Path | None, model: Model) -> Log:
-    """A log that may be believed, on the ticks of the robot's control. Raises UserError; LogFault for faulty data."""
+    """A log that may be believed, on the ticks of its control. Raises UserError; LogFault for faulty data."""
     log = read_log(path, column_map=read_column_map(columns) if columns else None)
     if log.joint is None and model.joint is not None:
         raise UserError(
@@ -47,4 +48,10 @@ def read_checked(path: Path, columns: Path | None, model: Model) -> Log:
     faults = check(log, numbers.model_dump(mode="json"))
     if faults:
         raise LogFault(path, faults)
-    return resample(log, numbers.loops.control_period if log.joint is None else log.sample_period)
+    return resample(log, numbers.loops.control_period if log.joint is None else _bench_period(log, model))
+
+
+def _bench_period(log: Log, model: Model) -> float:
+    """Of a joint on a bench, s: one of the robot's drives runs at the robot's control period, a rigid one as logged."""
+    rigid = model_for(log, model).joint.drive == "rigid"
+    return log.sample_period if rigid else load_numbers().loops.control_period

@@ -31,7 +31,7 @@ from sea_jax import (
     settled_start,
     smoothed_link_motion,
 )
-from sea_jax.delay_line import earlier, later, motion_later
+from sea_jax.delay_line import LONGEST, delayed, earlier, later, motion_later
 from sea_jax.full_drive import watched_drive
 from sea_jax.spring import spring_torque
 
@@ -229,3 +229,15 @@ def test_rows_before_and_after():
     np.testing.assert_array_equal(before[:, 1], np.concatenate([np.repeat(rows[:1, 1], 3), rows[:-3, 1]]))
     np.testing.assert_array_equal(after[:, 0], np.concatenate([rows[2:, 0], np.repeat(rows[-1:, 0], 2)]))
     np.testing.assert_allclose(after[:-1, 1], 0.5 * (rows[:-1, 1] + rows[1:, 1]))
+
+
+def test_beyond_the_longest_delay_the_oldest_row_stays():
+    rows = jnp.repeat(1.0 + jnp.arange(40.0)[:, None], 2, 1)
+    far, longest = jnp.array([LONGEST + 0.4, 20.0]), jnp.full(2, float(LONGEST))
+    np.testing.assert_array_equal(delayed(rows[: LONGEST + 1].T, far), rows[LONGEST])
+    np.testing.assert_array_equal(later(rows, far), later(rows, longest))
+    np.testing.assert_array_equal(earlier(rows, jnp.ceil(far)), earlier(rows, longest))
+    moved = motion_later(JointMotion(*(rows,) * 4), far * PERIOD, PERIOD)
+    np.testing.assert_array_equal(moved.position[:-LONGEST], rows[LONGEST:])
+    slope = jax.jacfwd(lambda periods: delayed(rows[: LONGEST + 1].T, periods))(jnp.zeros(2))
+    np.testing.assert_array_equal(slope, jnp.eye(2))

@@ -1,0 +1,47 @@
+"""Logs of joints on benches, made by the independent plant: at which rate they are judged."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from experiments.effects.library import LIBRARY
+from experiments.independent_plant.generate import write_batch
+from experiments.independent_plant.logs import write_log
+from experiments.independent_plant.runner import Case
+from experiments.measurement.compare import compare
+from experiments.measurement.gather import library_for, model_for
+from experiments.measurement.intake import read_checked
+from experiments.measurement.log_reader import read_log
+from experiments.measurement.resample import resample
+from experiments.model import nominal_model
+
+FAST = 1e-3  # s
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """case_0001: an elastic joint at the control period, case_0002: a rigid one at 1 kHz."""
+    folder = tmp_path_factory.mktemp("benches")
+    write_batch([Case("bench_KFE", seed=5, duration=3.0)], [1], folder)
+    write_batch([Case("bench_rigid", seed=5, duration=3.0)], [2], folder)
+    return folder
+
+
+def test_an_elastic_joint_that_was_logged_faster_is_replayed_at_its_control_period(folder: Path) -> None:
+    source = folder / "case_0001"
+    log = resample(read_log(source.with_suffix(".csv.gz")), FAST)
+    info = json.loads(source.with_suffix(".json").read_text()) | {"sample_period": FAST}
+    table = {f"{signal}/axis": one.column("axis") for signal, one in log.signals.items()}
+    write_log(folder / "fast", table, info, FAST)
+    taken = read_checked(folder / "fast.csv.gz", None, nominal_model())
+    assert taken.sample_period == 2.5e-3 and taken.rows == pytest.approx(0.4 * log.rows, abs=1)
+    model = model_for(taken, nominal_model())
+    found = compare(taken, model, library_for(model, LIBRARY))
+    assert found.worst.over_noise < 1.3, found.in_words()
+
+
+def test_a_rigid_joint_keeps_the_rate_of_its_log(folder: Path) -> None:
+    taken = read_checked(folder / "case_0002.csv.gz", None, nominal_model())
+    assert (taken.sample_period, taken.rows) == (FAST, 3000)
+    assert read_checked(folder / "case_0002.csv.gz", None, model_for(taken, nominal_model())).sample_period == FAST
