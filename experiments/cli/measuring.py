@@ -61,7 +61,7 @@ def compare_command(
 
     robot, library = _model(model, effects)
     taken = read_checked(log, columns, robot)
-    robot, library = _on_bench(taken, robot, library)
+    robot, library = _on_bench([taken], robot, library)
     if output is not None:
         make_answer_folder(output)
     found = compare(taken, robot, library)
@@ -101,7 +101,7 @@ def diagnose_command(
         _say(answer["text"])
         print(json.dumps(answer))
         return
-    robot, library = _on_bench(taken[0], robot, library)
+    robot, library = _on_bench(taken, robot, library)
     make_answer_folder(output)
     found = diagnose(taken, robot, library, _say)
     _write(output, "diagnosis.json", found.answer)
@@ -133,7 +133,7 @@ def learn_command(
 
     robot, library = _model(model, effects)
     taken = [read_checked(log, columns, robot) for log in logs]
-    robot, library = _on_bench(taken[0], robot, library)
+    robot, library = _on_bench(taken, robot, library)
     wanted = [parse_place(text, library, taken[0].joint_names) for text in effect]
     if output.suffix != ".json":
         raise UserError(f"{shown(output)} is no name for a model file; give one that ends in .json.")
@@ -158,11 +158,12 @@ def _model(model: Path | None, effects: list[Path] | None):
     return load_model(model, library), library
 
 
-def _on_bench(log, model, library):
-    """Model and effects for a log: a joint on a bench brings its own numbers, and shows fewer effects."""
-    from experiments.measurement.gather import library_for, model_for
+def _on_bench(logs, model, library):
+    """Model and effects for logs: a joint on a bench brings its own numbers, and shows fewer effects."""
+    from experiments.measurement.gather import library_for, model_for, refuse_different_joints
 
-    model = model_for(log, model)
+    refuse_different_joints(logs)
+    model = model_for(logs[0], model)
     return model, library_for(model, library)
 
 

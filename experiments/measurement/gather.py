@@ -1,6 +1,6 @@
 """From a log to its evidence: the parts of the plant that it measures."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from experiments.effects.bench import GRAVITY_LOAD, elastic_effects
 from experiments.effects.delay import LOOP_TIMING
@@ -17,7 +17,7 @@ from experiments.measurement.drive_of_bench import drive_of
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.joint_evidence import JointEvidence, joint_evidence
 from experiments.measurement.load_evidence import load_evidence
-from experiments.measurement.log import Log
+from experiments.measurement.log import BenchJoint, Log
 from experiments.measurement.misfit import enough
 from experiments.model import JointNumbers, Model
 from mjx_starleth.numbers import load_numbers
@@ -32,6 +32,16 @@ def model_for(log: Log, model: Model) -> Model:
     known = log.joint.model_dump(include=set(JointNumbers.model_fields))
     joint = JointNumbers(**known | {"drive": drive_of(log)})
     return Model(robot="joint", joint=joint)
+
+
+def refuse_different_joints(logs: Sequence[Log]) -> None:
+    """Logs that are judged together share one model, and so one robot or one joint. Raises UserError."""
+    told = [None if log.joint is None else log.joint.model_dump(include=set(BenchJoint.model_fields)) for log in logs]
+    for log, its in zip(logs, told, strict=True):
+        if its != told[0]:
+            raise UserError(
+                f"{log.name} is of another robot or joint than {logs[0].name}, by their JSON; judge them apart."
+            )
 
 
 def library_for(model: Model, library: Mapping[str, Effect]) -> dict[str, Effect]:

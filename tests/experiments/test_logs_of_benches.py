@@ -1,11 +1,16 @@
-"""Logs of joints on benches, made by the independent plant: at which rate they are judged."""
+"""Logs of joints on benches, made by the independent plant: at which rate they are judged, and which together."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
+import typer
+from typer.testing import CliRunner
 
+from experiments.cli import commands
 from experiments.effects.library import LIBRARY
+from experiments.errors import UserError
 from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.logs import write_log
 from experiments.independent_plant.runner import Case
@@ -45,3 +50,20 @@ def test_a_rigid_joint_keeps_the_rate_of_its_log(folder: Path) -> None:
     taken = read_checked(folder / "case_0002.csv.gz", None, nominal_model())
     assert (taken.sample_period, taken.rows) == (FAST, 3000)
     assert read_checked(folder / "case_0002.csv.gz", None, model_for(taken, nominal_model())).sample_period == FAST
+
+
+@pytest.mark.parametrize(
+    "words", [("diagnose",), ("learn", "--effect", "coulomb_friction")], ids=lambda words: words[0]
+)
+def test_logs_of_different_joints_are_not_judged_by_one_model(folder: Path, tmp_path: Path, words) -> None:
+    info = json.loads((folder / "case_0002.json").read_text())
+    info["joint"]["inertia"] *= 2.0
+    (tmp_path / "other.json").write_text(json.dumps(info))
+    shutil.copy(folder / "case_0002.csv.gz", tmp_path / "other.csv.gz")
+    logs = [str(path / f"{name}.csv.gz") for path, name in ((folder, "case_0002"), (tmp_path, "other"))]
+    app = typer.Typer()
+    app.callback()(lambda: None)
+    commands.register(app)
+    ended = CliRunner().invoke(app, [*words, *logs, "--output", str(tmp_path / "model.json")])
+    assert isinstance(ended.exception, UserError), ended.output
+    assert "other is of another robot or joint than case_0002" in str(ended.exception)
