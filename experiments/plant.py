@@ -27,7 +27,7 @@ from sea_jax import (
     params_from_numbers,
     periods_from_numbers,
 )
-from sea_jax.hooks import no_signals
+from sea_jax.hooks import link_signals, no_signals
 
 Array = jax.Array
 
@@ -100,7 +100,7 @@ class Plant:
         hooks = self.effects.hooks("measurement", params.effects)
         if not hooks:
             return state, measurement
-        signals = no_signals(state.torque, self.periods.control)
+        signals = link_signals(link_motion(state), self.periods.control)
         before = state.sensor_memory or (None,) * len(hooks)
         after = []
         for hook, memory in zip(hooks, before, strict=True):

@@ -9,7 +9,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from sea_jax.types import Array, DriveHooks, Signals
+from sea_jax.types import Array, DriveHooks, JointMotion, Signals
 
 
 def apply_hooks(
@@ -40,3 +40,9 @@ def no_signals(like: Array, period: float) -> Signals:
     """Signals for the points where none exists yet."""
     nothing = jnp.zeros_like(like)
     return Signals(*(nothing,) * 10, period=jnp.asarray(period, like.dtype))
+
+
+def link_signals(motion: JointMotion, period: float) -> Signals:
+    """Signals for the points where nothing is known but the links' motion, (J,)."""
+    nothing = no_signals(motion.position, period)
+    return nothing._replace(joint_position=motion.position, joint_velocity=motion.velocity)

@@ -14,12 +14,15 @@ Axis = Literal["joint", "link", "foot", "torso", "ground"]
 ONE_PLACE = frozenset({"torso", "ground"})  # axes along which an effect's parameters are scalars
 Part = Literal["drive", "bodies", "contact", "sensors"]
 
+# An equation gets, beside the value, what it may look at (sea_jax.Signals), as far as it exists at its hook; those that
+# act once, `measured_motion`, `replay_timing` and `torso_force` get None. Replays of logs undo a `measurement`: one
+# without memory has to be affine in the torque; one with memory they undo by its `replay_timing` alone.
 HOOKS: Mapping[str, str] = MappingProxyType(
     {
         "drive_parameters": "DriveParams -> DriveParams, once",
         "body_parameters": "BodyParams -> BodyParams, once",
         "command": "JointCommand -> JointCommand, every control period",
-        "measurement": "JointMeasurement -> JointMeasurement, every control period",
+        "measurement": "JointMeasurement -> JointMeasurement, affine in its torque, every control period",
         "measured_motion": "JointMotion as logged -> true JointMotion (the inverse of `measurement`), replay only",
         "replay_timing": "Timing -> Timing, how late what happens (replaces the effect's `measurement`), replay only",
         "commanded_velocity": "gear velocity that the velocity loops get [rad/s], every control period",

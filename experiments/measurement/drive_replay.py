@@ -13,7 +13,7 @@ import numpy as np
 from experiments.effects.compose import ActiveEffects, EffectNumbers
 from experiments.measurement.drive_log import DriveLog
 from sea_jax import DriveParams, JointCommand, JointMeasurement, JointMotion, LoopPeriods
-from sea_jax.hooks import no_signals
+from sea_jax.hooks import link_signals
 from sea_jax.link_motion import link_motion, smoothed_link_motion
 from sea_jax.replay import ReplayRows, Timing, measured_start, replay
 
@@ -41,11 +41,11 @@ class DriveReplay:
         hooks = active.drive_hooks(numbers)
         # once a row, outside of the loop, on what was logged
         memory = {hook: one for hook, one in active.memory(joints).items() if hook not in ("command", "measurement")}
-        signals = no_signals(log.joint_torque[0], self.periods.control)
+        motion = jax.vmap(lambda row: active.apply("measured_motion", numbers, row))(motion)
+        signals = jax.vmap(lambda row: link_signals(row, self.periods.control))(motion)
 
         command = JointCommand(log.command_torque, log.command_position, log.position_mode)
         command = _along_rows(hooks.command, command, signals, active.memory_at("command", joints))
-        motion = jax.vmap(lambda row: active.apply("measured_motion", numbers, row))(motion)
         seen = JointMeasurement(log.joint_position, log.joint_velocity, log.joint_torque, log.motor_position)
         start = measured_start(
             params, log.motor_position[0] + shift, log.motor_velocity[0], log.motor_current[0], memory
@@ -80,15 +80,15 @@ def measured(log: DriveLog) -> np.ndarray:
 
 
 def _along_rows(hooks, rows, signals, memory):
-    """Apply once-a-row hooks, in order, along a log."""
+    """Apply once-a-row hooks, in order, along a log and its rows of signals."""
     for hook, start in zip(hooks, memory, strict=True):
         if start.shape[1] == 0:
-            rows = jax.vmap(lambda row, hook=hook, start=start: hook(row, signals, start)[0])(rows)
+            rows = jax.vmap(lambda row, s, hook=hook, start=start: hook(row, s, start)[0])(rows, signals)
             continue
 
-        def step(state, row, hook=hook):
-            row, state = hook(row, signals, state)
+        def step(state, inputs, hook=hook):
+            row, state = hook(*inputs, state)
             return state, row
 
-        _, rows = jax.lax.scan(step, start, rows)
+        _, rows = jax.lax.scan(step, start, (rows, signals))
     return rows

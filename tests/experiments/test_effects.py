@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments.effects import LIBRARY, load_effects
+from experiments.effects import LIBRARY, Effect, Parameter, load_effects
 from experiments.effects.compose import activate
 from experiments.effects.places import mask, places_of
 from experiments.errors import UserError
@@ -15,7 +15,7 @@ from experiments.measurement.drive_evidence import DRIVE_HOOKS
 from experiments.measurement.drive_log import DriveLog
 from experiments.measurement.drive_replay import DriveReplay, true_motion
 from experiments.measurement.fit_types import Placed
-from experiments.model import nominal_model
+from experiments.model import FittedValue, PlacedEffect, nominal_model
 from experiments.plant import make_plant
 from mjx_starleth.names import JOINT_NAMES
 from sea_jax import JointMotion, LoopPeriods, params_from_numbers
@@ -95,6 +95,42 @@ def test_behind_the_sensors_lie_the_true_motion_and_torque() -> None:
     for found, true, tolerance in zip(motion, turning(time), (1e-5, 5e-3, 0.05, 0.0), strict=True):
         np.testing.assert_allclose(found[5:-5], true[5:-5], atol=tolerance)
     np.testing.assert_allclose(true_torque[5:-5], (9.0 * np.cos(w * time))[5:-5], atol=2e-3)
+
+
+def test_a_users_sensor_effect_may_look_at_the_links_motion_wherever_it_acts() -> None:
+    """A torque sensor whose seal drags: in the plant, in the replay of the drives, and undone for the bodies."""
+    seal = Effect(
+        "seal",
+        "the torque sensor shows the drag of its seal",
+        "sensors",
+        "joint",
+        (Parameter("drag", "N m s/rad", 0.0, 1.0, 0.1),),
+        {"measurement": lambda p, m, s: m._replace(torque=m.torque + p.drag * s.joint_velocity)},
+    )
+    drag, speed, torque = 0.5, np.full((8, 12), 3.0, np.float32), np.full((8, 12), 2.0, np.float32)
+    active, numbers, _ = activate([Placed("seal", "all", {"drag": drag})], {"seal": seal})
+    motion = JointMotion(0.0 * speed, speed, 0.0 * speed, 0.0 * speed)
+    np.testing.assert_allclose(behind_sensors(active, numbers, motion, torque, 2.5e-3)[1], torque - drag * speed)
+
+    plant = make_plant(nominal_model().with_effect(placed("seal", drag)), library=LIBRARY | {"seal": seal})
+    state = plant.initial_state(plant.params, jnp.zeros(19).at[3].set(1.0), jnp.zeros(12))
+    moving = state._replace(bodies=state.bodies._replace(u=state.bodies.u.at[6:].set(3.0)))
+    shown = plant.measure(plant.params, moving)[1].torque - plant.measure(plant.params, state)[1].torque
+    np.testing.assert_allclose(shown, drag * 3.0 * np.ones(12), rtol=1e-6)
+
+    zero = np.zeros_like(speed)
+    log = DriveLog(zero, zero, zero, zero, speed, zero, zero, zero, zero)
+    params = params_from_numbers(nominal_model().numbers.model_dump(mode="json"))
+    replay = DriveReplay(LoopPeriods(), active)
+    sealed, bare = (
+        replay.predict(params, log, motion, ({"drag": jnp.full(12, size)},), jnp.zeros(12))[..., 1]
+        for size in (drag, 0.0)
+    )
+    np.testing.assert_allclose(sealed - bare, drag * speed, rtol=1e-4)
+
+
+def placed(effect: str, drag: float) -> PlacedEffect:
+    return PlacedEffect(effect=effect, where="all", parameters={"drag": FittedValue(value=drag)})
 
 
 def test_an_effect_at_zero_is_left_out_of_the_program() -> None:
