@@ -6,7 +6,6 @@ The folder gets case_0001.csv.gz and case_0001.json and so on; nothing in it tel
 """
 
 import dataclasses
-import json
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -18,6 +17,7 @@ import numpy as np
 import typer
 
 from experiments.errors import UserError
+from experiments.files import write_json
 from experiments.independent_plant.bench_bodies import nominal_load
 from experiments.independent_plant.cases import benchmark
 from experiments.independent_plant.logs import bench_info, columns, robot_info, write_log
@@ -60,7 +60,7 @@ def generate(
                 progress(f"{len(sealed)}/{len(cases)} logs, {time.monotonic() - began:.0f} s")
     sealed = dict(sorted(sealed.items()))
     truth.parent.mkdir(parents=True, exist_ok=True)
-    truth.write_text(json.dumps({"schema_version": 1, "cases": sealed}, indent=1) + "\n")
+    write_json(truth, {"schema_version": 1, "cases": sealed})
     return sealed
 
 

@@ -1,12 +1,13 @@
 """Recordings as logs: a gzipped CSV and a small JSON, one row per sample, columns `signal/name`."""
 
 import gzip
-import json
+import io
 import math
 from pathlib import Path
 
 import numpy as np
 
+from experiments.files import write_bytes, write_json
 from experiments.independent_plant.bench_bodies import Load
 from experiments.independent_plant.numbers import JOINT_NAMES, LEGS, Array
 from experiments.independent_plant.plant import PERIOD, Recording
@@ -53,14 +54,19 @@ def noise_std(settings: SensorSettings, signals: list[str]) -> dict[str, float]:
 
 
 def write_log(path: Path, table: dict[str, Array], info: dict, period: float = PERIOD) -> None:
-    """`<path>.csv.gz` and `<path>.json`; empty cells for NaN. The same content gives the same bytes."""
+    """`<path>.csv.gz` and `<path>.json`; empty cells for NaN. The same content gives the same bytes.
+
+    The table comes last, so that where there is one the log is whole, at whatever moment a job is killed.
+    """
     rows = np.column_stack([np.arange(len(next(iter(table.values())))) * period, *table.values()])
     line = ",".join([DIGITS] * rows.shape[1]) + "\n"
     text = ",".join(["time", *table]) + "\n" + "".join(line % tuple(row) for row in rows.tolist())
     path.parent.mkdir(parents=True, exist_ok=True)
-    with open(f"{path}.csv.gz", "wb") as file, gzip.GzipFile("", "wb", 6, file, mtime=0) as packed:
+    table_file = io.BytesIO()
+    with gzip.GzipFile("", "wb", 6, table_file, mtime=0) as packed:
         packed.write(text.replace("nan", "").replace("-0,", "0,").encode())
-    Path(f"{path}.json").write_text(json.dumps(info, indent=1) + "\n")
+    write_json(f"{path}.json", info)
+    write_bytes(f"{path}.csv.gz", table_file.getvalue())
 
 
 def robot_info(experiment: str, settings: SensorSettings, signals: list[str]) -> dict:

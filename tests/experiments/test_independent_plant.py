@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -495,3 +496,25 @@ def test_it_imports_nothing_of_the_model():
     )
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("kept", range(4))
+def test_killed_between_its_files_a_job_leaves_whole_ones_and_no_table_without_its_json(tmp_path, monkeypatch, kept):
+    """Killed before the (kept + 1)-th file takes its name: of two logs and their truth, what is there is whole."""
+    cases = [Case("bench_rigid", seed=4, duration=0.1), Case("bench_rigid", seed=5, duration=0.1)]
+    done, rename = [], os.replace
+
+    def killed(source, target):
+        if len(done) == kept:
+            raise KeyboardInterrupt
+        done.append(Path(target).name)
+        rename(source, target)
+
+    with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(os, "replace", killed)
+        generate(cases, tmp_path / "logs", tmp_path / "truth.json", workers=1)
+    there = {path.name for path in tmp_path.rglob("*") if path.is_file()}
+    assert there == set(done) and "truth.json" not in there
+    tables = list((tmp_path / "logs").glob("*.csv.gz"))
+    assert [read_log(path).rows for path in tables] == [100] * len(tables) == [100] * (kept // 2)
+    assert len(generate(cases, tmp_path / "logs", tmp_path / "truth.json", workers=1)) == 2
