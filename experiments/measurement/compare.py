@@ -106,7 +106,7 @@ class Comparison:
 def compare(log: Log, model: Model, library: Mapping[str, Effect]) -> Comparison:
     """Replay each part of the plant on what was measured. Raises UserError."""
     used = {e.effect: library[e.effect] for e in model.effects}
-    evidence = gather(log, model, used or dict(library), noise_of(log))
+    evidence = gather(log, model, used, noise_of(log))
     fit = refit([evidence], (), never_given(model, evidence.atoms.effects), iterations=3)
     found = misfit(evidence, fit, 0)
     if isinstance(evidence, JointEvidence):

@@ -10,11 +10,10 @@ from typing import NamedTuple
 
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.fit_types import Nominal, Placed, Refitted
-from experiments.measurement.refit import refit, settle
+from experiments.measurement.refit import SHORT_FIT, refit, settle
 
 LEARNED = 40.0  # fall of chi^2 on the other logs from which they teach anything about an effect
 WORSE = 0.01  # of the unseen log's noise variance, by which an imitation makes it worse
-SHORT_FIT = 4  # iterations
 
 
 class Try(NamedTuple):

@@ -12,14 +12,13 @@ from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import Change, Products
 from experiments.measurement.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.linear_score import Scored, best_of_each, following
-from experiments.measurement.refit import refit, refit_effects
+from experiments.measurement.refit import SHORT_FIT, refit, refit_effects
 
 EVERYWHERE = "all"
 FINALISTS = 5  # effects that are refitted in each round
 # and as many more as score nearly as well: of sharp effects the linear score tells little
 NEARLY, MOST_FINALISTS = 0.5, 8
 DOMINATED = 0.05  # of the best linear score: hypotheses below it are not refitted
-SHORT_FIT = 4  # iterations of a finalist's refit
 REFINED, LONG_FIT = 2, 12  # finalists that are fitted again with all nominal numbers, and its iterations at most
 NEAR = 2.0  # times the best one's chi^2 on held-out blocks that they may leave
 

@@ -35,3 +35,8 @@ class Selection:
     rivals: list[list[Refitted]] = field(default_factory=list)  # of each winner, fitted as well as it
     sure: list[bool] = field(default_factory=list)  # of each winner, when it was chosen
     unsteady: list[Change] = field(default_factory=list)  # of effects that were taken out for it
+
+    def forget(self, which: int | slice) -> None:
+        """Drop what was kept of some effects beside the ladder."""
+        for one in (self.ties, self.winners, self.rivals, self.sure):
+            del one[which]

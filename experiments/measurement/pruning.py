@@ -7,10 +7,9 @@ import numpy as np
 
 from experiments.measurement.belief import all_blocks, chi2_on, halves, proven, told_from_none
 from experiments.measurement.evidence import Evidence
-from experiments.measurement.finalists import SHORT_FIT
 from experiments.measurement.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.ladder import Rung, Selection
-from experiments.measurement.refit import refit
+from experiments.measurement.refit import SHORT_FIT, refit
 from experiments.measurement.steadiness import changes_in
 
 
@@ -40,8 +39,7 @@ def take_out_idle(selection: Selection, logs: Sequence[Evidence], train) -> None
 def _taken_out(selection: Selection, k: int, logs: Sequence[Evidence], train) -> None:
     """The selection without its k-th effect; the later ones are fitted again."""
     others = _others(selection.fit.effects, k)
-    for one in (selection.ties, selection.winners, selection.rivals, selection.sure):
-        del one[k]
+    selection.forget(k)
     rungs = selection.ladder[: k + 1]
     for i in range(k + 1, len(others) + 1):
         full = refit(logs, others[:i], selection.nominal, rungs[-1].fit)
@@ -59,8 +57,7 @@ def take_out_unsure(selection: Selection) -> None:
     effects = {effect.name: effect for effect in selection.elsewhere.logs[0].atoms.effects}
     for k, (placed, sure) in enumerate(zip(selection.fit.effects, selection.sure, strict=True)):
         if not sure and not told_from_none(effects[placed.effect], selection.fit, k):
-            for one in (selection.ties, selection.winners, selection.rivals, selection.sure):
-                del one[k:]
+            selection.forget(slice(k, None))
             del selection.ladder[k + 1 :]
             selection.fit = selection.ladder[-1].fit
             return

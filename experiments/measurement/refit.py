@@ -16,6 +16,7 @@ from experiments.measurement.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fit_variables import added, first_value, variables_of
 
 ITERATIONS = 8
+SHORT_FIT = 4  # iterations that are enough near a fit
 ENOUGH = 2.0  # fall of chi^2 below which the fit has ended: a parameter is then within its interval
 STEP_LENGTHS = (1.0, 0.4, 0.1)
 STARTS = (1.0, 0.7, 0.4, 0.2)  # of the strength that a linear score gives an effect, which may overshoot

@@ -11,14 +11,14 @@ from experiments.measurement.choice import Judge
 from experiments.measurement.elsewhere import Elsewhere
 from experiments.measurement.evidence import Evidence
 from experiments.measurement.features import changes_of
-from experiments.measurement.finalists import FINALISTS, SHORT_FIT, Round, at_other_joints
+from experiments.measurement.finalists import FINALISTS, Round, at_other_joints
 from experiments.measurement.fit_types import Nominal, Refitted
 from experiments.measurement.footprint import noise_at
 from experiments.measurement.ladder import Rung, Selection
 from experiments.measurement.linear_score import Scored, best_of_each, scored_at
 from experiments.measurement.misfit import above_floor, excess
 from experiments.measurement.pruning import take_out_idle, take_out_needless, take_out_unsure
-from experiments.measurement.refit import refit
+from experiments.measurement.refit import SHORT_FIT, refit
 
 MOST_EFFECTS = 6
 CLEAR_SHARE = 0.03  # of the noise where it acts, that a score has to be for an effect to be worth a try

@@ -2,15 +2,13 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
-import typer
-from typer.testing import CliRunner
 
-from experiments.cli import commands
 from experiments.effects.library import LIBRARY
-from experiments.errors import UserError
 from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.logs import write_log
 from experiments.independent_plant.runner import Case
@@ -61,9 +59,11 @@ def test_logs_of_different_joints_are_not_judged_by_one_model(folder: Path, tmp_
     (tmp_path / "other.json").write_text(json.dumps(info))
     shutil.copy(folder / "case_0002.csv.gz", tmp_path / "other.csv.gz")
     logs = [str(path / f"{name}.csv.gz") for path, name in ((folder, "case_0002"), (tmp_path, "other"))]
-    app = typer.Typer()
-    app.callback()(lambda: None)
-    commands.register(app)
-    ended = CliRunner().invoke(app, [*words, *logs, "--output", str(tmp_path / "model.json")])
-    assert isinstance(ended.exception, UserError), ended.output
-    assert "other is of another robot or joint than case_0002" in str(ended.exception)
+    starleth = [sys.executable, "-m", "experiments.cli.main"]
+    ended = subprocess.run(
+        [*starleth, *words, *logs, "--output", str(tmp_path / "model.json")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 2 and "other is of another robot or joint than case_0002" in ended.stderr, ended.stderr

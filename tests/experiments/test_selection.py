@@ -15,7 +15,7 @@ from experiments.measurement.finalists import Round, at_other_joints
 from experiments.measurement.fit_types import Placed, Refitted
 from experiments.measurement.ladder import Rung, Selection
 from experiments.measurement.linear_score import Scored
-from experiments.measurement.misfit import _enough
+from experiments.measurement.misfit import enough
 from experiments.measurement.pruning import take_out_idle, take_out_unsure
 from experiments.measurement.refit import _plausible
 from experiments.measurement.selection import _promises, stands_out
@@ -225,8 +225,8 @@ def test_what_is_far_above_all_others_is_tried_whatever_its_score_promises(score
 
 def test_feet_that_slide_for_a_few_rows_each_count_together() -> None:
     channels = ("torso_force/x", "link_torque/LF_HAA", "friction/LF", "friction/RF", "friction/LH")
-    assert _enough(channels, np.array([500, 19, 13, 8, 0])).tolist() == [True, False, True, True, False]
-    assert not _enough(channels, np.array([500, 19, 13, 6, 0]))[2:].any()
+    assert enough(channels, np.array([500, 19, 13, 8, 0])).tolist() == [True, False, True, True, False]
+    assert not enough(channels, np.array([500, 19, 13, 6, 0]))[2:].any()
 
 
 @pytest.mark.parametrize(
