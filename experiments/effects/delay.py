@@ -42,7 +42,7 @@ LOOP_TIMING = Effect(
         Parameter("angle_lead", "s", -1e-4, 1e-4, 5e-5),
         Parameter("torque_lag", "s", -5e-5, 1e-4, 5e-5),
     ),
-    {"replay_timing": _timing, "motor_torque": _torque},
+    {"loop_timing": _timing, "motor_torque": _torque},
     memory=1,
 )
 EFFECTS = (

@@ -15,7 +15,7 @@ ONE_PLACE = frozenset({"torso", "ground"})  # axes along which an effect's param
 Part = Literal["drive", "bodies", "contact", "sensors"]
 
 # An equation gets, beside the value, what it may look at (sea_jax.Signals), as far as it exists at its hook; those that
-# act once, `measured_motion`, `replay_timing` and `torso_force` get None. Replays of logs undo a `measurement`: one
+# act once, `measured_motion`, the timings and `torso_force` get None. Replays of logs undo a `measurement`: one
 # without memory has to be affine in the torque; one with memory they undo by its `replay_timing` alone.
 HOOKS: Mapping[str, str] = MappingProxyType(
     {
@@ -24,7 +24,8 @@ HOOKS: Mapping[str, str] = MappingProxyType(
         "command": "JointCommand -> JointCommand, every control period",
         "measurement": "JointMeasurement -> JointMeasurement, affine in its torque, every control period",
         "measured_motion": "JointMotion as logged -> true JointMotion (the inverse of `measurement`), replay only",
-        "replay_timing": "Timing -> Timing, how late what happens (replaces the effect's `measurement`), replay only",
+        "replay_timing": "Timing -> Timing, how late sensors are (replaces the effect's `measurement`), replay only",
+        "loop_timing": "Timing -> Timing, when within a row the drives' loops run, replay of drives only",
         "commanded_velocity": "gear velocity that the velocity loops get [rad/s], every control period",
         "supply_voltage": "bus voltage [V], every 0.1 ms",
         "motor_torque": "torque at the rotor [N m], every 0.1 ms",

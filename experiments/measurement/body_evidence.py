@@ -28,7 +28,7 @@ from experiments.measurement.log import Log
 from mjx_starleth.names import JOINT_NAMES, LEGS
 from mjx_starleth.numbers import RobotNumbers
 
-BODY_HOOKS = frozenset("body_parameters measurement measured_motion joint_drag torso_force".split())
+BODY_HOOKS = frozenset("body_parameters measurement measured_motion replay_timing joint_drag torso_force".split())
 FLOOR_DRAWS = 3
 # m/s, and times its velocity's noise, above which a foot slides: what is slower may be the creep of a landing foot
 SLIDING, SLIDING_NOISE = 0.15, 5.0

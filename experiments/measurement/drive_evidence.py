@@ -27,8 +27,8 @@ FORGOTTEN = 0.1  # s after which the loops have forgotten a held motor's current
 IMPACT = 800.0  # rad/s^2 of a link above which its motion within a row is not known
 
 DRIVE_HOOKS = frozenset(
-    "drive_parameters command measurement measured_motion replay_timing commanded_velocity "
-    "supply_voltage motor_torque friction deflection spring".split()
+    "drive_parameters command measurement measured_motion replay_timing loop_timing "
+    "commanded_velocity supply_voltage motor_torque friction deflection spring".split()
 )
 
 

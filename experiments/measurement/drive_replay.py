@@ -52,6 +52,7 @@ class DriveReplay:
         )
         still = jnp.zeros_like(start.motor_position)
         timing = active.apply("replay_timing", numbers, Timing(*(still,) * 4))
+        timing = active.apply("loop_timing", numbers, timing)
         rows = ReplayRows(command, seen, motion)
         run = replay(params, hooks._replace(command=()), rows, start, self.periods, timing=timing)
         shown = JointMeasurement(motion.position, motion.velocity, run.joint_torque, run.motor_position)

@@ -6,17 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.effects import LIBRARY, Effect
+from experiments.effects import LIBRARY, Effect, Parameter
+from experiments.effects.delay import LOOP_TIMING
 from experiments.effects.link import BEARING_FRICTION
 from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.library import Effect as Hidden
 from experiments.independent_plant.runner import Case
 from experiments.independent_plant.sensors import SensorSettings
-from experiments.measurement.body_evidence import CHANNELS
+from experiments.measurement.body_evidence import BODY_HOOKS, CHANNELS
 from experiments.measurement.body_replay import BodyLog, body_log
 from experiments.measurement.calm_log import calm_log
 from experiments.measurement.compare import compare
 from experiments.measurement.fit_types import Placed
+from experiments.measurement.footprint import noise_at
 from experiments.measurement.gather import gather
 from experiments.measurement.log import Log
 from experiments.measurement.log_reader import read_log
@@ -141,3 +143,25 @@ def test_feet_that_slide_in_hops_tell_how_slippery_the_ground_is(tmp_path) -> No
     placed = (Placed("ground_friction", "feet", {"relative": -0.3}),)
     (found,) = refit([evidence], placed, timing(evidence.atoms.effects)).effects
     assert found.parameters["relative"] == pytest.approx(-0.75, abs=0.02), "0.2 in place of 0.8"
+
+
+def test_what_an_effect_tells_replays_of_time_reaches_the_bodies_and_the_loops_phase_does_not() -> None:
+    """An effect with no other equation than `replay_timing`: the bodies are run anew, and its footprint holds them."""
+    late = Effect(
+        "late_encoder",
+        "the link's encoder is read late",
+        "sensors",
+        "joint",
+        (Parameter("age", "s", 0.0, 0.02, 0.002),),
+        {"replay_timing": lambda p, timing, _: timing._replace(link_age=timing.link_age + p.age)},
+    )
+    log = read_log(DATA / "air_reference_1500ms.csv.gz")
+    evidence = gather(log, nominal_model(), {late.name: late}, noise_of(log))
+    start = evidence.start()
+    aged = start._replace(x=evidence.atoms.set(start.x, late.name, "all", {"age": 0.005}))
+    rest, moved = evidence.body_residual([start, aged])
+    assert np.abs(moved - rest).max() > 1.0
+    every = [np.ones(evidence.blocks, bool)]
+    assert noise_at(late, "all", [evidence], every) == pytest.approx(evidence.weight().sum(), rel=1e-6)
+    (phase, *_) = evidence.atoms.of(LOOP_TIMING.name)
+    assert not evidence.atoms.touching(BODY_HOOKS)[phase.start], "it would have the bodies run at every step of a fit"
