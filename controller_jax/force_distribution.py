@@ -29,7 +29,6 @@ class Iterations(NamedTuple):
 # jumps that are pushed over; two steps of polish more would make that 95 %, at 1 us each. From zero, 20 and 12 reach
 # the optimum of any problem that was tried.
 ITERATIONS = Iterations(admm=5, polish=2)
-COLD_START = Iterations(admm=20, polish=12)
 
 
 class ForceDistribution(NamedTuple):

@@ -56,14 +56,6 @@ def full_pattern(gait: ReducedGait) -> GaitPattern:
     return GaitPattern(gait.cycle_duration, wrap(touch_down), wrap(touch_down + stand))
 
 
-def reduced_gait(pattern: GaitPattern) -> ReducedGait:
-    """Six numbers of a pattern whose left and right legs stand equally long (the left legs are read)."""
-    duty = duty_factors(pattern)
-    lf, rf, lh, rh = pattern.touch_down
-    lags = wrap(rf - lf), wrap(rh - lh), wrap(lh - lf)
-    return ReducedGait(pattern.stride_duration, duty[0], duty[2], *lags)
-
-
 def duty_factors(pattern: GaitPattern) -> Array:
     """Share of the stride that each leg stands, in (0, 1]."""
     return 1.0 - wrap(pattern.touch_down - pattern.lift_off)

@@ -20,7 +20,7 @@ from sea_jax.parameters import (
     select_joints,
     with_torque_limits,
 )
-from sea_jax.replay import ReplayRows, Timing, Trajectory, measured_start, replay, settled_start
+from sea_jax.replay import ReplayRows, Timing, Trajectory, measured_start, replay
 from sea_jax.types import (
     DriveHooks,
     DriveOutput,
@@ -58,7 +58,6 @@ __all__ = [
     "periods_from_numbers",
     "replay",
     "select_joints",
-    "settled_start",
     "smoothed_link_motion",
     "with_torque_limits",
 ]

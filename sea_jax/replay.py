@@ -10,7 +10,7 @@ Learnt on the reference logs, where the replay leaves nothing but the sensors' n
 - The joint controllers act on the noisy position, velocity and torque of the same row, but on the drive's own
   motor angle and not on its logged reading. With the logged one, position mode integrates the reading's noise.
 - In torque mode nothing holds the motor angle but the velocity loop: the noise of the first row's angle stays for
-  the whole replay. `settled_start` takes it out.
+  the whole replay: whoever compares has to take it out.
 - Logs begin at rest with current and integrators at zero, even where the springs are loaded.
 - No friction by radial load is in these logs: a load of 200 N would show as 0.7 standard deviations of current.
 """
@@ -135,24 +135,3 @@ def _later(motion: JointMotion, time: Array) -> JointMotion:
     turned = motion.acceleration * time
     position = motion.position + time * (motion.velocity + 0.5 * turned)
     return motion._replace(position=position, velocity=motion.velocity + turned)
-
-
-def settled_start(
-    params: DriveParams,
-    hooks: DriveHooks,
-    rows: ReplayRows,
-    start: DriveState,
-    motor_position: Array,
-    periods: LoopPeriods = LoopPeriods(),  # noqa: B008
-    own_motor_angle: bool = True,
-) -> DriveState:
-    """`start` with the motor angle moved to fit the log's motor_position (T, J) by least squares."""
-
-    def angle(shift: Array) -> Array:
-        moved = start._replace(motor_position=start.motor_position + shift)
-        return replay(params, hooks, rows, moved, periods, own_motor_angle).motor_position
-
-    still = jnp.zeros_like(start.motor_position)
-    replayed, slope = jax.jvp(angle, (still,), (jnp.ones_like(still),))
-    shift = (slope * (motor_position - replayed)).sum(0) / (slope * slope).sum(0)
-    return start._replace(motor_position=start.motor_position + shift)

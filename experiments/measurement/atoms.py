@@ -4,7 +4,7 @@ A hypothesis (an effect at a place) moves the atoms of that place together. So o
 every effect at every place, and the joint fit of several effects with the robot's nominal numbers.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -55,12 +55,6 @@ class Atoms:
     def off(self) -> np.ndarray:
         """x with every effect off, float64."""
         return np.concatenate([np.full(c.size, c.parameter.off) for c in self.columns] or [np.zeros(0)])
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper bounds (n,)."""
-        low = np.concatenate([np.full(c.size, c.parameter.low) for c in self.columns])
-        high = np.concatenate([np.full(c.size, c.parameter.high) for c in self.columns])
-        return low, high
 
     def numbers(self, x: jax.Array) -> EffectNumbers:
         """x as the effects' numbers, for the hooks."""
@@ -116,13 +110,3 @@ class Atoms:
         for item in placed:
             x = self.set(x, item.effect, item.where, item.values())
         return x
-
-
-def hypotheses(atoms: Atoms, names: Sequence[str] | None = None) -> list[tuple[str, str]]:
-    """Every (effect, place)."""
-    return [
-        (effect.name, where)
-        for effect in atoms.effects
-        if names is None or effect.name in names
-        for where in atoms.places(effect)
-    ]

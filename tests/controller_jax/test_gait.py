@@ -62,12 +62,6 @@ def test_phases_run_from_0_to_1_through_stance_and_swing(name):
         assert np.all(legs.swing_phase[stands, leg] == 0)
 
 
-@pytest.mark.parametrize("name", GAITS)
-def test_reduced_and_full_form_agree(name):
-    back = gait.reduced_gait(gait.full_pattern(reduced(name)))
-    np.testing.assert_allclose([float(x) for x in back], GAITS[name], atol=ROUNDING)
-
-
 def test_a_leg_that_never_lifts_off_stands_at_every_phase():
     pattern = gait.standing(gait.full_pattern(reduced("running_trot")))
     phases = jnp.linspace(0.0, 1.0, 500)
