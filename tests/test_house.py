@@ -46,6 +46,19 @@ def test_the_independent_plant_shares_nothing_with_the_model() -> None:
         assert not imported(path) & shared, path
 
 
+LAYERS = ("logs", "checks", "evidence", "fits", "selection")  # of the measurement: each knows those before it
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_the_measurement_is_built_in_layers(layer: str) -> None:
+    root = "experiments.measurement."
+    known = {root + name for name in LAYERS[: LAYERS.index(layer) + 1]}
+    for path in (PACKAGES["experiments"] / "measurement" / layer).rglob("*.py"):
+        nodes = ast.walk(ast.parse(path.read_text()))
+        modules = {n.module for n in nodes if isinstance(n, ast.ImportFrom) and n.module and n.module.startswith(root)}
+        assert not {m for m in modules if ".".join(m.split(".")[:3]) not in known}, path
+
+
 def test_imports_configure_nothing() -> None:
     script = (
         "import os, jax; before = dict(os.environ), jax.config.values.copy()\n"

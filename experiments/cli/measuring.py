@@ -160,7 +160,7 @@ def _model(model: Path | None, effects: list[Path] | None):
 
 def _on_bench(logs, model, library):
     """Model and effects for logs: a joint on a bench brings its own numbers, and shows fewer effects."""
-    from experiments.measurement.gather import library_for, model_for, refuse_different_joints
+    from experiments.measurement.evidence.gather import library_for, model_for, refuse_different_joints
 
     refuse_different_joints(logs)
     model = model_for(logs[0], model)

@@ -14,16 +14,16 @@ import numpy as np
 from experiments.effects.effect import Effect
 from experiments.effects.places import mask
 from experiments.measurement.diagnose import diagnose_evidence
-from experiments.measurement.evidence import Evidence
-from experiments.measurement.features import changes_of
-from experiments.measurement.fit_types import Placed
-from experiments.measurement.gather import gather
-from experiments.measurement.joint_evidence import JointEvidence
-from experiments.measurement.linear_score import best_of_each, score
-from experiments.measurement.log import Log
-from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import nominal_freedom
-from experiments.measurement.refit import refit
+from experiments.measurement.evidence.features import changes_of
+from experiments.measurement.evidence.gather import gather
+from experiments.measurement.evidence.joint_evidence import JointEvidence
+from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.fits.fit_types import Placed
+from experiments.measurement.fits.nominal import nominal_freedom
+from experiments.measurement.fits.refit import refit
+from experiments.measurement.logs.log import Log
+from experiments.measurement.logs.noise_floor import noise_of
+from experiments.measurement.selection.linear_score import best_of_each, score
 from experiments.model import Model
 
 Answer = dict[str, Any]

@@ -13,7 +13,7 @@ from experiments.errors import UserError
 from experiments.files import read_json, write_json
 from experiments.independent_plant.cases import benchmark
 from experiments.independent_plant.generate import generate
-from experiments.measurement.gather import library_for, model_for
+from experiments.measurement.evidence.gather import library_for, model_for
 from experiments.measurement.intake import LogFault, read_checked
 from experiments.model import nominal_model
 from experiments.run_folder import make_answer_folder

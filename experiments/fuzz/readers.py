@@ -111,7 +111,7 @@ def _read_sweep(folder: Path) -> None:
 
 
 def _read_log(folder: Path) -> None:
-    from experiments.measurement.log_reader import read_log
+    from experiments.measurement.logs.log_reader import read_log
 
     log = next(path for path in folder.iterdir() if path.name.startswith("log") and path.suffix != ".json")
     maps = [path for path in folder.iterdir() if path.name.startswith("map")]

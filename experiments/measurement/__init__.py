@@ -1,6 +1,6 @@
 """Logs of a robot against its model: reading, checking, comparing, diagnosing, learning."""
 
-from experiments.measurement.log import SIGNALS, BenchJoint, Log, SignalTable
-from experiments.measurement.log_reader import make_log, read_log
+from experiments.measurement.logs.log import SIGNALS, BenchJoint, Log, SignalTable
+from experiments.measurement.logs.log_reader import make_log, read_log
 
 __all__ = ["SIGNALS", "BenchJoint", "Log", "SignalTable", "make_log", "read_log"]

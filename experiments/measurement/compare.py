@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 
 from experiments.effects.effect import Effect
-from experiments.measurement.body_replay import DECIMATION, SMOOTHING
-from experiments.measurement.evidence import DRIVE_CHANNELS, Evidence, Point
-from experiments.measurement.fit_types import Refitted
-from experiments.measurement.gather import gather
-from experiments.measurement.joint_evidence import JointEvidence
-from experiments.measurement.log import Log
-from experiments.measurement.misfit import FLOOR, Misfit, misfit
-from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import never_given
-from experiments.measurement.refit import refit
+from experiments.measurement.evidence.body_replay import DECIMATION, SMOOTHING
+from experiments.measurement.evidence.gather import gather
+from experiments.measurement.evidence.joint_evidence import JointEvidence
+from experiments.measurement.evidence.log_evidence import DRIVE_CHANNELS, Evidence, Point
+from experiments.measurement.fits.fit_types import Refitted
+from experiments.measurement.fits.misfit import FLOOR, Misfit, misfit
+from experiments.measurement.fits.nominal import never_given
+from experiments.measurement.fits.refit import refit
+from experiments.measurement.logs.log import Log
+from experiments.measurement.logs.noise_floor import noise_of
 from experiments.model import Model
 
 EXPLAINED = 1.3 * FLOOR  # residual over noise of the worst of many channels of a right model

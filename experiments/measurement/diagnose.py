@@ -5,22 +5,22 @@ from dataclasses import dataclass
 from typing import Any
 
 from experiments.effects.effect import Effect
-from experiments.measurement.belief import LEAST_GAIN, LEAST_STEP
-from experiments.measurement.evidence import Evidence
-from experiments.measurement.fit_types import Placed
-from experiments.measurement.gather import gather
-from experiments.measurement.joint_evidence import JointEvidence
-from experiments.measurement.ladder import Selection
-from experiments.measurement.leftover import Hint, hints
-from experiments.measurement.log import Log
-from experiments.measurement.misfit import Misfit, above_floor, excess, misfit
+from experiments.measurement.evidence.gather import gather
+from experiments.measurement.evidence.joint_evidence import JointEvidence
+from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.fits.fit_types import Placed
+from experiments.measurement.fits.misfit import Misfit, above_floor, excess, misfit
+from experiments.measurement.fits.nominal import as_far_as_others, at_end, never_given, nominal_freedom
+from experiments.measurement.fits.refit import refit
+from experiments.measurement.logs.log import Log
+from experiments.measurement.logs.noise_floor import noise_of
 from experiments.measurement.next_experiment import NextExperiment, next_experiment
-from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import as_far_as_others, at_end, never_given, nominal_freedom
-from experiments.measurement.pruning import take_out_unsteady
-from experiments.measurement.refit import refit
-from experiments.measurement.selection import MOST_EFFECTS, NEGLIGIBLE, NOISE, leaves_more, select
-from experiments.measurement.verdict import (
+from experiments.measurement.selection.belief import LEAST_GAIN, LEAST_STEP
+from experiments.measurement.selection.ladder import Selection
+from experiments.measurement.selection.leftover import Hint, hints
+from experiments.measurement.selection.pruning import take_out_unsteady
+from experiments.measurement.selection.select import MOST_EFFECTS, NEGLIGIBLE, NOISE, leaves_more, select
+from experiments.measurement.selection.verdict import (
     Verdict,
     decide,
     effect_entries,

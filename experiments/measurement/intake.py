@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from experiments.errors import UserError
-from experiments.measurement.check import check
-from experiments.measurement.column_map import read_column_map
-from experiments.measurement.faults import Fault
-from experiments.measurement.gather import model_for
-from experiments.measurement.log import Log
-from experiments.measurement.log_reader import read_log
-from experiments.measurement.resample import resample
+from experiments.measurement.checks.check import check
+from experiments.measurement.checks.faults import Fault
+from experiments.measurement.evidence.gather import model_for
+from experiments.measurement.logs.column_map import read_column_map
+from experiments.measurement.logs.log import Log
+from experiments.measurement.logs.log_reader import read_log
+from experiments.measurement.logs.resample import resample
 from experiments.model import Model
 from mjx_starleth.numbers import load_numbers
 

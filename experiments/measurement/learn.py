@@ -7,17 +7,17 @@ from experiments.effects.effect import Effect
 from experiments.effects.library import find_effect
 from experiments.effects.places import mask
 from experiments.errors import UserError
-from experiments.measurement.evidence import Evidence
-from experiments.measurement.features import changes_of
-from experiments.measurement.fit_types import Nominal, Placed, Refitted
-from experiments.measurement.gather import gather
+from experiments.measurement.evidence.features import changes_of
+from experiments.measurement.evidence.gather import gather
+from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
+from experiments.measurement.fits.misfit import misfit
+from experiments.measurement.fits.nominal import NOT_GIVEN, never_given, nominal_freedom
+from experiments.measurement.fits.refit import refit
 from experiments.measurement.learned import with_learned
-from experiments.measurement.linear_score import score
-from experiments.measurement.log import Log
-from experiments.measurement.misfit import misfit
-from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import NOT_GIVEN, never_given, nominal_freedom
-from experiments.measurement.refit import refit
+from experiments.measurement.logs.log import Log
+from experiments.measurement.logs.noise_floor import noise_of
+from experiments.measurement.selection.linear_score import score
 from experiments.model import Model
 
 

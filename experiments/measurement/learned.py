@@ -9,9 +9,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from experiments.effects.places import mask
-from experiments.measurement.atoms import Atoms
-from experiments.measurement.belief import COVERAGE, interval
-from experiments.measurement.fit_types import Nominal, Refitted
+from experiments.measurement.evidence.atoms import Atoms
+from experiments.measurement.fits.fit_types import Nominal, Refitted
+from experiments.measurement.selection.belief import COVERAGE, interval
 from experiments.model import FittedValue, Model, PlacedEffect
 
 WORTH = 0.2  # of its prior's deviation, that a nominal number has to be off by to be written

@@ -8,13 +8,13 @@ import numpy as np
 
 from controller_jax.geometry import geometry_from_numbers
 from experiments.files import write_text
-from experiments.measurement.atoms import Atoms
-from experiments.measurement.drive_log import DriveLog
-from experiments.measurement.drive_replay import true_motion
-from experiments.measurement.evidence import Evidence
+from experiments.measurement.evidence.atoms import Atoms
+from experiments.measurement.evidence.drive_log import DriveLog
+from experiments.measurement.evidence.drive_replay import true_motion
+from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.excitation import Excitation, excitations
-from experiments.measurement.fit_types import Placed, Refitted
-from experiments.measurement.ladder import Selection
+from experiments.measurement.fits.fit_types import Placed, Refitted
+from experiments.measurement.selection.ladder import Selection
 from experiments.model import Model
 from sea_jax import JointMotion
 

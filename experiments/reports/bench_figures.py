@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from experiments.measurement.joint_evidence import JointEvidence
-from experiments.measurement.ladder import Rung
+from experiments.measurement.evidence.joint_evidence import JointEvidence
+from experiments.measurement.selection.ladder import Rung
 from experiments.reports.figures import line, new_figure
 from experiments.reports.page import Block, Figure
 

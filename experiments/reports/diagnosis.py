@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from experiments.measurement.diagnose import Diagnosis
-from experiments.measurement.linear_score import best_of_each
-from experiments.measurement.verdict import refitted_rms
+from experiments.measurement.selection.linear_score import best_of_each
+from experiments.measurement.selection.verdict import refitted_rms
 from experiments.reports.diagnosis_figures import ladder, maps, signals, spectra
 from experiments.reports.numbers import number
 from experiments.reports.page import Block, Card, Cards, Section, Table, Text, write_report

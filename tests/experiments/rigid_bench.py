@@ -4,7 +4,7 @@ import numpy as np
 
 from experiments.effects.bench import GRAVITY_LOAD
 from experiments.effects.library import LIBRARY
-from experiments.measurement.log import BenchJoint, Log, SignalTable
+from experiments.measurement.logs.log import BenchJoint, Log, SignalTable
 
 PERIOD = 1e-3
 ROWS = 8000

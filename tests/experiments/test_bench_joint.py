@@ -18,12 +18,12 @@ from rigid_bench import (
 
 from experiments.cli.measuring_tables import fitted_lines, show_comparison
 from experiments.effects.library import LIBRARY
-from experiments.measurement.check import check
+from experiments.measurement.checks.check import check
 from experiments.measurement.compare import compare
 from experiments.measurement.diagnose import diagnose
-from experiments.measurement.gather import model_for
+from experiments.measurement.evidence.gather import model_for
 from experiments.measurement.learn import learn
-from experiments.measurement.log import Log
+from experiments.measurement.logs.log import Log
 from experiments.model import load_model, nominal_model, save_model
 from experiments.reports.diagnosis import write_diagnosis_report
 

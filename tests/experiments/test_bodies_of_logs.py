@@ -13,18 +13,18 @@ from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.library import Effect as Hidden
 from experiments.independent_plant.runner import Case
 from experiments.independent_plant.sensors import SensorSettings
-from experiments.measurement.body_evidence import BODY_HOOKS, CHANNELS
-from experiments.measurement.body_replay import BodyLog, body_log
-from experiments.measurement.calm_log import calm_log
 from experiments.measurement.compare import compare
-from experiments.measurement.fit_types import Placed
-from experiments.measurement.footprint import noise_at
-from experiments.measurement.gather import gather
-from experiments.measurement.log import Log
-from experiments.measurement.log_reader import read_log
-from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import never_given, timing
-from experiments.measurement.refit import refit
+from experiments.measurement.evidence.body_evidence import CHANNELS, FELT_BY_BODIES
+from experiments.measurement.evidence.body_replay import BodyLog, body_log
+from experiments.measurement.evidence.calm_log import calm_log
+from experiments.measurement.evidence.gather import gather
+from experiments.measurement.fits.fit_types import Placed
+from experiments.measurement.fits.footprint import noise_at
+from experiments.measurement.fits.nominal import never_given, timing
+from experiments.measurement.fits.refit import refit
+from experiments.measurement.logs.log import Log
+from experiments.measurement.logs.log_reader import read_log
+from experiments.measurement.logs.noise_floor import noise_of
 from experiments.model import nominal_model
 
 DATA = Path(__file__).parents[1] / "data"
@@ -164,4 +164,4 @@ def test_what_an_effect_tells_replays_of_time_reaches_the_bodies_and_the_loops_p
     every = [np.ones(evidence.blocks, bool)]
     assert noise_at(late, "all", [evidence], every) == pytest.approx(evidence.weight().sum(), rel=1e-6)
     (phase, *_) = evidence.atoms.of(LOOP_TIMING.name)
-    assert not evidence.atoms.touching(BODY_HOOKS)[phase.start], "it would have the bodies run at every step of a fit"
+    assert not evidence.atoms.touching(FELT_BY_BODIES)[phase.start], "each step of a fit would run the bodies"

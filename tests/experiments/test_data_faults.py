@@ -15,11 +15,11 @@ from experiments.independent_plant.library import FAMILIES, Effect
 from experiments.independent_plant.logs import columns, robot_info, write_log
 from experiments.independent_plant.runner import Case, record
 from experiments.independent_plant.strength import reachable
-from experiments.measurement.check import check
-from experiments.measurement.copied_columns import copied_columns
-from experiments.measurement.log import Log, SignalTable
-from experiments.measurement.log_info import LogInfo
-from experiments.measurement.log_reader import make_log, read_log
+from experiments.measurement.checks.check import check
+from experiments.measurement.checks.copied_columns import copied_columns
+from experiments.measurement.logs.log import Log, SignalTable
+from experiments.measurement.logs.log_info import LogInfo
+from experiments.measurement.logs.log_reader import make_log, read_log
 from mjx_starleth.numbers import load_numbers
 
 DATA = Path(__file__).parents[1] / "data"

@@ -16,7 +16,7 @@ from experiments.independent_plant.library import Effect
 from experiments.independent_plant.numbers import BodyNumbers
 from experiments.independent_plant.runner import Case
 from experiments.measurement.diagnose import Diagnosis, diagnose
-from experiments.measurement.gather import library_for, model_for
+from experiments.measurement.evidence.gather import library_for, model_for
 from experiments.measurement.intake import read_checked
 from experiments.model import FittedValue, PlacedEffect, nominal_model, save_model
 from experiments.replay import replay

@@ -6,10 +6,10 @@ import pytest
 
 from experiments.effects import LIBRARY
 from experiments.measurement import diagnose
-from experiments.measurement.belief import LEAST_GAIN
 from experiments.measurement.diagnose import WELL_EXPLAINED
-from experiments.measurement.features import changes_of
-from experiments.measurement.selection import NOISE
+from experiments.measurement.evidence.features import changes_of
+from experiments.measurement.selection.belief import LEAST_GAIN
+from experiments.measurement.selection.select import NOISE
 
 
 def stages(monkeypatch: pytest.MonkeyPatch, excess: float, above: float) -> list[tuple[int, float]]:

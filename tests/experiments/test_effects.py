@@ -9,12 +9,12 @@ from experiments.effects import LIBRARY, Effect, Parameter, load_effects
 from experiments.effects.compose import activate
 from experiments.effects.places import mask, places_of
 from experiments.errors import UserError
-from experiments.measurement.atoms import Atoms
-from experiments.measurement.behind_sensors import behind_sensors
-from experiments.measurement.drive_evidence import DRIVE_HOOKS
-from experiments.measurement.drive_log import DriveLog
-from experiments.measurement.drive_replay import DriveReplay, true_motion
-from experiments.measurement.fit_types import Placed
+from experiments.measurement.evidence.atoms import Atoms
+from experiments.measurement.evidence.behind_sensors import behind_sensors
+from experiments.measurement.evidence.drive_evidence import FELT_BY_DRIVES
+from experiments.measurement.evidence.drive_log import DriveLog
+from experiments.measurement.evidence.drive_replay import DriveReplay, true_motion
+from experiments.measurement.fits.fit_types import Placed
 from experiments.model import FittedValue, PlacedEffect, nominal_model
 from experiments.plant import make_plant
 from mjx_starleth.names import JOINT_NAMES
@@ -26,7 +26,7 @@ direction_dependent_friction motor_inertia torque_constant torque_constant_satur
 command_delay backlash spring_stiffness spring_stiffening spring_damping spring_hysteresis joint_coulomb_drag
 joint_viscous_drag payload link_mass ground_friction ground_compliance ground_slope constant_force
 joint_encoder_offset torque_sensor_gain torque_sensor_offset sensor_delay""".split()
-ON_DRIVES = [name for name in NAMED if set(LIBRARY[name].equations) & DRIVE_HOOKS]
+ON_DRIVES = [name for name in NAMED if set(LIBRARY[name].equations) & FELT_BY_DRIVES]
 ON_BODIES = [name for name in (*NAMED, "link_com") if "body_parameters" in LIBRARY[name].equations]
 
 

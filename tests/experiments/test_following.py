@@ -7,10 +7,10 @@ from scipy.optimize import lsq_linear
 
 from experiments.effects import LIBRARY
 from experiments.effects.delay import LOOP_TIMING
-from experiments.measurement.atoms import Atoms
-from experiments.measurement.features import Products, changes_of
-from experiments.measurement.linear_score import Scored, following
-from experiments.measurement.nominal import timing
+from experiments.measurement.evidence.atoms import Atoms
+from experiments.measurement.evidence.features import Products, changes_of
+from experiments.measurement.fits.nominal import timing
+from experiments.measurement.selection.linear_score import Scored, following
 
 ROWS, STRENGTH = 200, 0.004  # N m
 ATOMS = Atoms((LIBRARY["coulomb_friction"], LOOP_TIMING), ("axis",))

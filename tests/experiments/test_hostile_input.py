@@ -21,10 +21,10 @@ from experiments.fuzz.good_files import good_csv, good_info
 from experiments.fuzz.mutations import bomb
 from experiments.fuzz.readers import READERS
 from experiments.fuzz.run import problem
-from experiments.measurement.binary_tables import read_npz
-from experiments.measurement.csv_table import read_csv
-from experiments.measurement.log_reader import read_log
-from experiments.measurement.table_limits import Limits
+from experiments.measurement.logs.binary_tables import read_npz
+from experiments.measurement.logs.csv_table import read_csv
+from experiments.measurement.logs.log_reader import read_log
+from experiments.measurement.logs.table_limits import Limits
 from experiments.sweep.definition import parse_sweep
 
 MANY = int(os.environ.get("STARLETH_FUZZ", "100000"))
@@ -46,7 +46,7 @@ def test_hostile_files_are_read_or_refused_in_one_sentence(reader, tmp_path):
 
 def test_a_reader_that_lets_an_exception_through_is_found(tmp_path, monkeypatch):
     reader = next(reader for reader in READERS if reader.name == "log npz")
-    monkeypatch.setattr("experiments.measurement.log_reader.read_npz", lambda *_: 1 / 0)
+    monkeypatch.setattr("experiments.measurement.logs.log_reader.read_npz", lambda *_: 1 / 0)
     assert "ZeroDivisionError" in problem(reader, 0, tmp_path)
 
 

@@ -30,7 +30,7 @@ from experiments.independent_plant.runner import Case, record
 from experiments.independent_plant.sensors import NOISE_STD, SensorSettings
 from experiments.independent_plant.stance import STAND, GroundController, squat_course
 from experiments.independent_plant.strength import parameter_for, strength
-from experiments.measurement.log_reader import read_log
+from experiments.measurement.logs.log_reader import read_log
 
 DATA = Path(__file__).parents[1] / "data"
 PERFECT = SensorSettings(noise=0.0, quantised=False)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from experiments.effects.library import LIBRARY
-from experiments.measurement.atoms import Atoms
-from experiments.measurement.fit_types import Nominal, Placed, Refitted
+from experiments.measurement.evidence.atoms import Atoms
+from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.learned import with_learned
 from experiments.model import FittedValue, Model, PlacedEffect, nominal_model
 from mjx_starleth.names import JOINT_NAMES

@@ -11,11 +11,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from experiments.errors import UserError
-from experiments.measurement.delays import estimate_delay, signal_delays
+from experiments.measurement.checks.delays import estimate_delay, signal_delays
 from experiments.measurement.intake import read_checked
-from experiments.measurement.log import Log, SignalTable
-from experiments.measurement.log_reader import read_log
-from experiments.measurement.resample import resample
+from experiments.measurement.logs.log import Log, SignalTable
+from experiments.measurement.logs.log_reader import read_log
+from experiments.measurement.logs.resample import resample
 from experiments.model import nominal_model
 from mjx_starleth.numbers import load_numbers
 

@@ -13,10 +13,10 @@ from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.logs import write_log
 from experiments.independent_plant.runner import Case
 from experiments.measurement.compare import compare
-from experiments.measurement.gather import library_for, model_for
+from experiments.measurement.evidence.gather import library_for, model_for
 from experiments.measurement.intake import read_checked
-from experiments.measurement.log_reader import read_log
-from experiments.measurement.resample import resample
+from experiments.measurement.logs.log_reader import read_log
+from experiments.measurement.logs.resample import resample
 from experiments.model import nominal_model
 
 FAST = 1e-3  # s

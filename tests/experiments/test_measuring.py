@@ -10,19 +10,19 @@ from experiments.errors import UserError
 from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.runner import Case
 from experiments.independent_plant.sensors import SensorSettings
-from experiments.measurement.body_evidence import correlation_rows, knocked
-from experiments.measurement.body_replay import DECIMATION, BodyLog, filter_window
 from experiments.measurement.compare import compare, whiteness
-from experiments.measurement.drive_evidence import rows_that_count
-from experiments.measurement.drive_log import DriveLog
-from experiments.measurement.gather import gather
+from experiments.measurement.evidence.body_evidence import correlation_rows, knocked
+from experiments.measurement.evidence.body_replay import DECIMATION, BodyLog, filter_window
+from experiments.measurement.evidence.drive_evidence import rows_that_count
+from experiments.measurement.evidence.drive_log import DriveLog
+from experiments.measurement.evidence.gather import gather
+from experiments.measurement.fits.misfit import misfit
+from experiments.measurement.fits.nominal import timing
+from experiments.measurement.fits.refit import refit
 from experiments.measurement.learn import learn, parse_place
-from experiments.measurement.log import Log, SignalTable
-from experiments.measurement.log_reader import read_log
-from experiments.measurement.misfit import misfit
-from experiments.measurement.noise_floor import estimated, noise_of
-from experiments.measurement.nominal import timing
-from experiments.measurement.refit import refit
+from experiments.measurement.logs.log import Log, SignalTable
+from experiments.measurement.logs.log_reader import read_log
+from experiments.measurement.logs.noise_floor import estimated, noise_of
 from experiments.model import FittedValue, PlacedEffect, load_model, nominal_model, save_model
 from mjx_starleth.names import LEGS
 

@@ -9,15 +9,15 @@ import pytest
 
 from controller_jax.geometry import geometry_from_numbers
 from experiments.effects import LIBRARY
-from experiments.measurement.elsewhere import Elsewhere
+from experiments.measurement.evidence.gather import gather
 from experiments.measurement.excitation import FASTEST, excitations
-from experiments.measurement.fit_types import Placed
-from experiments.measurement.gather import gather
-from experiments.measurement.ladder import Selection
-from experiments.measurement.log_reader import read_log
+from experiments.measurement.fits.fit_types import Placed
+from experiments.measurement.fits.refit import refit
+from experiments.measurement.logs.log_reader import read_log
+from experiments.measurement.logs.noise_floor import noise_of
 from experiments.measurement.next_experiment import next_experiment, separation, write_commands
-from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.refit import refit
+from experiments.measurement.selection.elsewhere import Elsewhere
+from experiments.measurement.selection.ladder import Selection
 from experiments.model import nominal_model
 
 DATA = Path(__file__).parents[1] / "data"

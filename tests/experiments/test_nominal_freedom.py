@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
-from experiments.measurement.features import changes_of
-from experiments.measurement.fit_types import Nominal, Refitted
-from experiments.measurement.fit_variables import FARTHEST
-from experiments.measurement.nominal import as_far_as_others, at_end, never_given, nominal_freedom
+from experiments.measurement.evidence.features import changes_of
+from experiments.measurement.fits.fit_types import Nominal, Refitted
+from experiments.measurement.fits.fit_variables import FARTHEST
+from experiments.measurement.fits.nominal import as_far_as_others, at_end, never_given, nominal_freedom
 from experiments.model import nominal_model
 
 NUMBERS = nominal_freedom(nominal_model(), tuple(LIBRARY.values()), standing=False)

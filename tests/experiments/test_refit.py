@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
-from experiments.measurement.atoms import Atoms
-from experiments.measurement.belief import COVERAGE
-from experiments.measurement.evidence import Evidence, Point
-from experiments.measurement.fit_types import Nominal, Placed
-from experiments.measurement.misfit import misfit
-from experiments.measurement.refit import BLOWN_UP, refit, refit_effects
+from experiments.measurement.evidence.atoms import Atoms
+from experiments.measurement.evidence.log_evidence import Evidence, Point
+from experiments.measurement.fits.fit_types import Nominal, Placed
+from experiments.measurement.fits.misfit import misfit
+from experiments.measurement.fits.refit import BLOWN_UP, refit, refit_effects
+from experiments.measurement.selection.belief import COVERAGE
 
 HIDDEN = 40.0  # N m/rad^3
 BLOCKS = 4

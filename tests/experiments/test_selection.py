@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
-from experiments.measurement import finalists
-from experiments.measurement import verdict as verdicts
-from experiments.measurement.belief import Finalist, loud, plain, simplest, told_from_none
-from experiments.measurement.choice import Judge
-from experiments.measurement.finalists import Round, at_other_joints
-from experiments.measurement.fit_types import Placed, Refitted
-from experiments.measurement.ladder import Rung, Selection
-from experiments.measurement.linear_score import Scored
-from experiments.measurement.misfit import enough
-from experiments.measurement.pruning import take_out_idle, take_out_unsure
-from experiments.measurement.refit import _plausible
-from experiments.measurement.selection import _promises, stands_out
+from experiments.measurement.evidence.body_evidence import enough
+from experiments.measurement.fits.fit_types import Placed, Refitted
+from experiments.measurement.fits.refit import _plausible
+from experiments.measurement.selection import finalists
+from experiments.measurement.selection import verdict as verdicts
+from experiments.measurement.selection.belief import Finalist, loud, plain, simplest, told_from_none
+from experiments.measurement.selection.choice import Judge
+from experiments.measurement.selection.finalists import Round, at_other_joints
+from experiments.measurement.selection.ladder import Rung, Selection
+from experiments.measurement.selection.linear_score import Scored
+from experiments.measurement.selection.pruning import take_out_idle, take_out_unsure
+from experiments.measurement.selection.select import _promises, stands_out
 from mjx_starleth.names import JOINT_NAMES
 
 NOISE, BEFORE = 1000.0, 9000.0  # chi^2 of noise alone, and without any effect
@@ -209,7 +209,7 @@ def test_an_effect_that_the_whole_fit_neither_tells_from_none_nor_needs_is_taken
     friction = Placed("coulomb_friction", "all", {"torque": 4e-3})
     fit = replace(before, effects=(play, friction), covariance=np.diag([1e-8, spread**2]))
     fitted = replace(fit, effects=(play,), chi2=(np.array([without]),), covariance=np.diag([1e-8]))
-    monkeypatch.setattr("experiments.measurement.pruning.refit", lambda *_: fitted)
+    monkeypatch.setattr("experiments.measurement.selection.pruning.refit", lambda *_: fitted)
     ladder = [Rung("", before, before), Rung("", fitted, fitted), Rung("", fit, fit)]
     selection = Selection(fit, (), None, ladder, ties=[[], []], winners=[fit] * 2, rivals=[[], []], sure=[True, True])
     take_out_idle(selection, [log], [np.ones(1, bool)])

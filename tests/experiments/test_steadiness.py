@@ -8,18 +8,18 @@ import pytest
 from rigid_bench import GEARED, SILENT, bench_log
 
 from experiments.effects.library import LIBRARY
-from experiments.measurement.check import check
+from experiments.measurement.checks.check import check
 from experiments.measurement.diagnose import diagnose
-from experiments.measurement.evidence import Evidence
-from experiments.measurement.fit_types import Placed
-from experiments.measurement.gather import gather, model_for
-from experiments.measurement.log import Log
-from experiments.measurement.log_reader import read_log
-from experiments.measurement.noise_floor import noise_of
-from experiments.measurement.nominal import never_given
-from experiments.measurement.refit import refit
-from experiments.measurement.states import states_of
-from experiments.measurement.steadiness import changes_in
+from experiments.measurement.evidence.gather import gather, model_for
+from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.evidence.states import states_of
+from experiments.measurement.fits.fit_types import Placed
+from experiments.measurement.fits.nominal import never_given
+from experiments.measurement.fits.refit import refit
+from experiments.measurement.logs.log import Log
+from experiments.measurement.logs.log_reader import read_log
+from experiments.measurement.logs.noise_floor import noise_of
+from experiments.measurement.selection.steadiness import changes_in
 from experiments.model import nominal_model
 
 AIR = Path(__file__).parents[1] / "data" / "air_reference_1500ms.csv.gz"

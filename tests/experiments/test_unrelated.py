@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from experiments.measurement.links import Column, Columns, Link
-from experiments.measurement.unrelated import unrelated
+from experiments.measurement.checks.links import Column, Columns, Link
+from experiments.measurement.checks.unrelated import unrelated
 
 PERIOD, NOISE = 0.0025, 0.05  # s, N m
 TORQUE, MOTOR, JOINT = (("joint_torque", "LH_KFE"), ("motor_position", "LH_KFE"), ("joint_position", "LH_KFE"))

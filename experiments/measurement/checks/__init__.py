@@ -1,0 +1,1 @@
+"""May a log be believed? What may be wrong with its rows, columns and clock, each named for what it is."""

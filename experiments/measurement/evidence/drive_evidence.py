@@ -1,0 +1,185 @@
+"""What a log says about the drives: replays with many sets of numbers at once, and the noise that replays leave."""
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+
+from experiments.measurement.evidence.atoms import Atoms
+from experiments.measurement.evidence.drive_log import DriveLog
+from experiments.measurement.evidence.drive_replay import CHANNELS, DriveReplay, measured, true_motion
+from sea_jax import DriveParams, JointMotion, LoopPeriods
+
+LANES = (8, 2)  # sets of numbers per call: one compiled replay for each, so that few sets do not cost as many
+PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
+SETTLE = 0.05  # s at the start of a log, in which the loops forget what was before it
+FLOOR_DRAWS = 3  # re-noised link motions from which the replay's own noise is estimated
+STUCK = 0.01  # rad/s of the gear below which dry friction may hold the motor
+STUCK_NOISE = 4.0  # standard deviations of that speed, where the encoder is too rough to tell so slow a motion
+STUCK_REACH = 5  # rows to both sides over which that speed is taken
+STUCK_LONG = 0.05  # s from which a motor counts as held, not as turning round
+DRIFT = 0.2  # s: in torque mode slower errors of the motor angle are not judged
+FORGOTTEN = 0.1  # s after which the loops have forgotten a held motor's current, an impact, an angle left open
+IMPACT = 800.0  # rad/s^2 of a link above which its motion within a row is not known
+
+FELT_BY_DRIVES = frozenset(
+    "drive_parameters command measurement measured_motion replay_timing loop_timing "
+    "commanded_velocity supply_voltage motor_torque friction deflection spring".split()
+)
+
+
+@dataclass(frozen=True, eq=False)
+class DriveEvidence:
+    """One log's drives. floor (J, 3): what noise alone leaves per channel; used (rows, J, 3): 1.0 where it counts."""
+
+    atoms: Atoms
+    replay: DriveReplay
+    params: DriveParams  # nominal
+    log: DriveLog  # padded
+    motion: JointMotion  # padded
+    rows: int
+    period: float
+    measured: np.ndarray  # (rows, J, 3)
+    used: np.ndarray  # (rows, J, 3)
+    floor: np.ndarray  # (J, 3)
+
+    def predict(self, xs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+        """Predictions (H, rows, J, 3) for atom vectors (H, n) and shifts of the first motor angle (H, J)."""
+        return self.play(self.log, self.motion, xs, shifts)[:, : self.rows]
+
+    def play(self, log: DriveLog, motion: JointMotion, xs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+        """The same for other commands and another motion, (H, T, J, 3)."""
+        return predict(self.replay, self.params, self.atoms, log, motion, xs, shifts)
+
+    def residual(self, xs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
+        """Replay minus measurement in units of the floor, (H, rows, J, 3); zero where a row does not count."""
+        r = (self.predict(xs, shifts) - self.measured[None]) / self.floor[None, None] * self.used[None]
+        r[..., CHANNELS.index("motor_position")] -= self._drift(r[..., CHANNELS.index("motor_position")])
+        return r
+
+    def _drift(self, error: np.ndarray) -> np.ndarray:
+        """Slow part of the motor angle's error (H, rows, J) in torque mode.
+
+        Nothing holds the angle there but the velocity loop: it sums up what the loop's steps do to a noisy speed, and
+        the current tells all that an effect could.
+        """
+        by_torque = (1.0 - self.log.position_mode[: self.rows]) * self.used[..., CHANNELS.index("motor_position")]
+        size = 2 * round(0.5 * DRIFT / self.period) + 1
+        count = uniform_filter1d(by_torque, size, axis=0, mode="constant")
+        mean = uniform_filter1d(error * by_torque, size, axis=1, mode="constant") / np.maximum(count, 1e-6)
+        return mean * by_torque
+
+
+def replay_devices() -> list[jax.Device]:
+    """Devices that replays take turns on: virtual ones beyond the cores would only be compiled for."""
+    found = jax.local_devices()
+    if found[0].platform != "cpu" or not hasattr(os, "sched_getaffinity"):
+        return found
+    return found[: len(os.sched_getaffinity(0))]
+
+
+def drive_evidence(
+    atoms: Atoms, params: DriveParams, periods: LoopPeriods, log: DriveLog, period: float, noise: Mapping[str, float]
+) -> DriveEvidence:
+    """Prepare a log's drives. `atoms` may hold effects that do not touch the drives; they change nothing here."""
+    rows = len(log.joint_position)
+    padded = DriveLog(*(_pad(table) for table in log))
+    replay = DriveReplay(periods, atoms.active())
+    motion = true_motion(padded, period, noise)
+    sensors = np.array([noise[channel] for channel in CHANNELS])
+    clean = _nominal(replay, params, atoms, padded, motion)
+    used = rows_that_count(log, period, noise["motor_position"])
+    rng, spread = np.random.default_rng(0), np.zeros(clean.shape[1:])
+    for _ in range(FLOOR_DRAWS):
+        noisy = padded._replace(
+            joint_position=_noisy(rng, padded.joint_position, noise["joint_position"]),
+            joint_velocity=_noisy(rng, padded.joint_velocity, noise["joint_velocity"]),
+        )
+        again = _nominal(replay, params, atoms, padded, true_motion(noisy, period, noise))
+        spread += ((again - clean)[:rows] ** 2 * used).sum(0) / np.maximum(used.sum(0), 1.0) / FLOOR_DRAWS
+    floor = np.sqrt(sensors**2 + spread)
+    return DriveEvidence(atoms, replay, params, padded, motion, rows, period, measured(log), used, floor)
+
+
+def rows_that_count(log: DriveLog, period: float, noise: float) -> np.ndarray:
+    """1.0 for the rows that count (T, J, 3); noise: standard deviation of the motor position, rad.
+
+    Not while the loops settle; not when a row cannot tell the link's motion, nor when position mode takes over the
+    angle that torque mode left open; and no current of a motor that friction holds.
+    """
+    used = np.ones((*log.motor_position.shape, len(CHANNELS)), np.float32)
+    used[: round(SETTLE / period)] = 0.0
+    hit = np.abs(np.diff(log.joint_velocity, axis=0, append=log.joint_velocity[-1:])) > IMPACT * period
+    entered = np.diff(log.position_mode, axis=0, prepend=log.position_mode[:1]) > 0.5
+    used *= ~_with_later(hit | entered, period)[..., None]
+    used[..., CHANNELS.index("motor_current")] *= ~_with_later(_held(log, period, noise), period)
+    return used
+
+
+def _held(log: DriveLog, period: float, noise: float) -> np.ndarray:
+    """Rows (T, J) of a motor at rest for long.
+
+    Friction takes any value up to its level there, and the current with it: which one, the noise of long ago decides.
+    """
+    index = np.arange(len(log.motor_position))
+    before, after = np.maximum(index - STUCK_REACH, 0), np.minimum(index + STUCK_REACH, index[-1])
+    moved = log.motor_position[after] - log.motor_position[before]
+    span = (period * (after - before))[:, None]
+    slow = np.abs(moved) < np.maximum(STUCK * span, STUCK_NOISE * np.sqrt(2.0) * noise)
+    long = 2 * round(0.5 * STUCK_LONG / period) + 1
+    return maximum_filter1d(minimum_filter1d(slow, long, axis=0), long, axis=0)
+
+
+def _with_later(rows: np.ndarray, period: float) -> np.ndarray:
+    """These rows (T, J) and those after them until the loops have forgotten."""
+    reach = 2 * round(0.5 * FORGOTTEN / period)
+    return maximum_filter1d(rows, reach + 1, axis=0, origin=reach // 2)
+
+
+def predict(
+    replay: DriveReplay,
+    params: DriveParams,
+    atoms: Atoms,
+    log: DriveLog,
+    motion: JointMotion,
+    xs: np.ndarray,
+    shifts: np.ndarray,
+) -> np.ndarray:
+    """Predictions (H, T, J, 3) through the compiled programs, on all devices in turn."""
+    places = [(device, *jax.device_put((params, log, motion), device)) for device in replay_devices()]
+    parts, done = [], 0
+    while done < len(xs):
+        left = len(xs) - done
+        lanes = LANES[0] if left > LANES[0] // 2 else LANES[1]
+        here = np.minimum(np.arange(done, done + lanes), len(xs) - 1)
+        device, its_params, its_log, its_motion = places[len(parts) % len(places)]
+        numbers = jax.device_put((xs[here].astype(np.float32), shifts[here].astype(np.float32)), device)
+        parts.append(_lanes(replay, atoms, its_params, its_log, its_motion, *numbers)[: min(lanes, left)])
+        done += lanes
+    return np.concatenate([np.asarray(part) for part in parts])
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _lanes(replay, atoms, params, log, motion, xs, shifts):
+    return jax.vmap(lambda x, shift: replay.predict(params, log, motion, atoms.numbers(x), shift))(xs, shifts)
+
+
+def _nominal(replay: DriveReplay, params: DriveParams, atoms: Atoms, log: DriveLog, motion: JointMotion) -> np.ndarray:
+    off = atoms.off()[None]
+    return predict(replay, params, atoms, log, motion, off, np.zeros((1, log.joint_position.shape[1])))[0]
+
+
+def _pad(table: np.ndarray) -> np.ndarray:
+    missing = -len(table) % PAD
+    return np.concatenate([table, np.repeat(table[-1:], missing, axis=0)])
+
+
+def _noisy(rng: np.random.Generator, table: np.ndarray, std: float) -> np.ndarray:
+    return (table + std * rng.standard_normal(table.shape)).astype(np.float32)
+
+
+__all__ = ["FELT_BY_DRIVES", "DriveEvidence", "drive_evidence", "rows_that_count"]

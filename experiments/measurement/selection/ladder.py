@@ -1,0 +1,42 @@
+"""The error ladder: what was selected, rung by rung, and all that was considered on the way."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from experiments.measurement.fits.fit_types import Nominal, Refitted
+from experiments.measurement.selection.choice import Refuted
+from experiments.measurement.selection.elsewhere import Elsewhere
+from experiments.measurement.selection.linear_score import Scored
+from experiments.measurement.selection.steadiness import Change
+
+
+class Rung(NamedTuple):
+    """A step of the error ladder: the fit to everything, and its proof, the fit to one half of the blocks."""
+
+    name: str
+    fit: Refitted
+    proof: Refitted
+
+
+@dataclass
+class Selection:
+    """What was selected, and all that was considered on the way."""
+
+    fit: Refitted
+    nominal: Sequence[Nominal]
+    elsewhere: Elsewhere
+    ladder: list[Rung] = field(default_factory=list)
+    rankings: list[list[Scored]] = field(default_factory=list)
+    refitted: list[dict[tuple[str, str], float]] = field(default_factory=list)  # held-out chi^2 of each finalist
+    refuted: list[Refuted] = field(default_factory=list)
+    ties: list[list[tuple[str, str]]] = field(default_factory=list)
+    winners: list[Refitted] = field(default_factory=list)
+    rivals: list[list[Refitted]] = field(default_factory=list)  # of each winner, fitted as well as it
+    sure: list[bool] = field(default_factory=list)  # of each winner, when it was chosen
+    unsteady: list[Change] = field(default_factory=list)  # of effects that were taken out for it
+
+    def forget(self, which: int | slice) -> None:
+        """Drop what was kept of some effects beside the ladder."""
+        for one in (self.ties, self.winners, self.rivals, self.sure):
+            del one[which]

@@ -1,0 +1,88 @@
+"""What selection takes back: effects that are needless, that no fit tells from none, or that are not steady."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
+from experiments.measurement.fits.refit import SHORT_FIT, refit
+from experiments.measurement.selection.belief import all_blocks, chi2_on, halves, proven, told_from_none
+from experiments.measurement.selection.ladder import Rung, Selection
+from experiments.measurement.selection.steadiness import changes_in
+
+
+def take_out_needless(selection: Selection, logs: Sequence[Evidence], train, test) -> None:
+    """Take out, the last one apart, each effect that the later ones have made needless."""
+    known = {effect.name: effect for effect in logs[0].atoms.effects}
+    for k in reversed(range(len(selection.fit.effects) - 1)):
+        placed, others = selection.fit.effects[k], _others(selection.fit.effects, k)
+        without = refit(logs, others, selection.nominal, selection.fit, train, SHORT_FIT)
+        after = chi2_on(selection.ladder[-1].proof, test)
+        if not proven(known[placed.effect], placed.where, without, after, logs, test):
+            _taken_out(selection, k, logs, train)
+
+
+def take_out_idle(selection: Selection, logs: Sequence[Evidence], train) -> None:
+    """Take out each effect that the fit to everything neither tells from none nor needs."""
+    known = {effect.name: effect for effect in logs[0].atoms.effects}
+    for k in reversed(range(len(selection.fit.effects))):
+        placed = selection.fit.effects[k]
+        if told_from_none(known[placed.effect], selection.fit, k):
+            continue
+        without = refit(logs, _others(selection.fit.effects, k), selection.nominal, selection.fit)
+        if not proven(known[placed.effect], placed.where, without, selection.fit.total, logs, all_blocks(logs)):
+            _taken_out(selection, k, logs, train)
+
+
+def _taken_out(selection: Selection, k: int, logs: Sequence[Evidence], train) -> None:
+    """The selection without its k-th effect; the later ones are fitted again."""
+    others = _others(selection.fit.effects, k)
+    selection.forget(k)
+    rungs = selection.ladder[: k + 1]
+    for i in range(k + 1, len(others) + 1):
+        full = refit(logs, others[:i], selection.nominal, rungs[-1].fit)
+        proof = refit(logs, full.effects, selection.nominal, full, train, SHORT_FIT)
+        rungs.append(Rung(f"+ {others[i - 1].effect}@{others[i - 1].where}", full, proof))
+    selection.ladder, selection.fit = rungs, rungs[-1].fit
+
+
+def _others(effects: Sequence[Placed], k: int) -> list[Placed]:
+    return [*effects[:k], *effects[k + 1 :]]
+
+
+def take_out_unsure(selection: Selection) -> None:
+    """Take back, with all after it, an effect that no later one has helped to tell from none."""
+    effects = {effect.name: effect for effect in selection.elsewhere.logs[0].atoms.effects}
+    for k, (placed, sure) in enumerate(zip(selection.fit.effects, selection.sure, strict=True)):
+        if not sure and not told_from_none(effects[placed.effect], selection.fit, k):
+            selection.forget(slice(k, None))
+            del selection.ladder[k + 1 :]
+            selection.fit = selection.ladder[-1].fit
+            return
+
+
+def take_out_unsteady(
+    selection: Selection, logs: Sequence[Evidence], freedom: Sequence[Nominal], say: Callable[[str], None]
+) -> None:
+    """Take out effects whose law would have to change along the log: what they explain has another one.
+
+    freedom: nominal numbers that may be off, though the selection took them as they stand: an effect that makes up for
+    one of them is not unsteady.
+    """
+    train, _ = halves(logs)
+    while changes := changes_in(logs, *_free(selection, freedom)):
+        clearest = changes[0]
+        say(clearest.in_words())
+        k = [placed[:2] for placed in selection.fit.effects].index((clearest.effect, clearest.where))
+        selection.unsteady.append(clearest)
+        _taken_out(selection, k, logs, train)
+
+
+def _free(selection: Selection, freedom: Sequence[Nominal]) -> tuple[Refitted, tuple[Nominal, ...]]:
+    """A selection's fit with further nominal numbers that it has not moved."""
+    known = {n[:3] for n in selection.nominal}
+    more = [n for n in freedom if n[:3] not in known]
+    fit = replace(selection.fit, nominal=np.concatenate([selection.fit.nominal, np.zeros(len(more))]))
+    return fit, (*selection.nominal, *more)
