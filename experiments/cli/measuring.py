@@ -17,7 +17,8 @@ COMPARE = """Where does the model fail on a log, and by how much over the noise?
 
 Replays each part of the plant on what was measured: the drives on the measured joint motion, the bodies and the ground
 on the measured torque; 1.0 is the sensors' noise. A model with effects is shown beside the same model without them.
-Prints a table for you and a JSON object for programs; with -o a report.
+Prints a table for you and a JSON object for programs, which also tells by how much sensors of one motion are late
+against one another, to a fraction of a sample; with -o a report.
 
     starleth compare log.csv.gz
     starleth compare log.csv.gz --model model.json
@@ -54,6 +55,7 @@ def compare_command(
     whole_loops()
     start_jax()
     from experiments.cli.measuring_tables import show_comparison
+    from experiments.measurement.checks.delays import signal_delays
     from experiments.measurement.compare import compare
     from experiments.measurement.intake import read_checked
     from experiments.reports.comparison import write_comparison_report
@@ -67,6 +69,8 @@ def compare_command(
     found = compare(taken, robot, library)
     before = compare(taken, robot.model_copy(update={"effects": ()}), library) if robot.effects else None
     answer = found.answer() | ({"without_effects": before.answer()} if before else {})
+    delays = signal_delays(taken, robot.numbers.model_dump(mode="json") if robot.numbers else {})
+    answer["sensor_delays"] = [delay.record() for delay in delays]
     show_comparison(found, before)
     if output is not None:
         _write(output, "comparison.json", answer)

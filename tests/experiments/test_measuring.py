@@ -1,5 +1,8 @@
 """From a log to a better model, on short logs: no effect is found where none is, a planted one is."""
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +11,7 @@ import pytest
 from experiments.effects import LIBRARY
 from experiments.errors import UserError
 from experiments.independent_plant.generate import write_batch
+from experiments.independent_plant.logs import write_log
 from experiments.independent_plant.runner import Case
 from experiments.independent_plant.sensors import SensorSettings
 from experiments.measurement.compare import compare, whiteness
@@ -159,3 +163,19 @@ def test_the_correlation_of_few_rows_is_a_number(rows: int) -> None:
     error = np.random.default_rng(0).standard_normal((3, rows, 2))
     assert np.isfinite(correlation_rows(error)).all()
     assert correlation_rows(np.ones((3, rows, 2))) == pytest.approx(min(rows, 40))
+
+
+def test_compare_tells_by_how_much_sensors_of_one_motion_are_apart(tmp_path) -> None:
+    source = DATA / "air_reference_1500ms"
+    log, info = read_log(Path(f"{source}.csv.gz")), json.loads(Path(f"{source}.json").read_text())
+    table = {f"{s}/{name}": one.column(name) for s, one in log.signals.items() for name in one.names}
+    row = np.arange(log.rows)
+    table["joint_velocity/LF_HFE"] = np.interp(row - 0.8, row, table["joint_velocity/LF_HFE"])
+    write_log(tmp_path / "late", table, info, log.sample_period)
+    command = [sys.executable, "-m", "experiments.cli.main", "compare", str(tmp_path / "late.csv.gz")]
+    ended = subprocess.run(command, capture_output=True, text=True, check=True)
+    told = {(d["signal"], d["name"]): d for d in json.loads(ended.stdout)["sensor_delays"]}
+    late, prompt = told["joint_velocity", "LF_HFE"], told["joint_velocity", "RF_HFE"]
+    assert (late["against"], late["samples"]) == ("joint_position", pytest.approx(0.8, abs=0.1))
+    assert late["delay"] == pytest.approx(late["samples"] * log.sample_period, rel=1e-2)
+    assert abs(prompt["samples"]) < 0.1

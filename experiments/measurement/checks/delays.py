@@ -43,6 +43,11 @@ class Delay:
     std: float
     samples: float
 
+    def record(self) -> dict[str, Any]:
+        """As `compare` prints it."""
+        of = {"signal": self.signal, "against": self.against, "name": self.name}
+        return of | {"delay": round(self.delay, 7), "std": round(self.std, 7), "samples": round(self.samples, 3)}
+
 
 def signal_delays(log: Log, numbers: Mapping[str, Any]) -> list[Delay]:
     """Delays between the sensors of a log that see the same motion, joint by joint; those that can be told."""
