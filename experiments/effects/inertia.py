@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from experiments.effects.effect import Effect, Parameter
 
 ASIDE = tuple(k * pi / 4 for k in range(8))  # rad from forwards
+OFF_CENTRE = 0.15  # m from the torso's origin at which a load is looked for on each side, most of half its width
 
 
 def _payload(p, bodies, _):
@@ -69,7 +70,7 @@ EFFECTS = (
         ),
         {"body_parameters": _payload},
         # a torso that may be a little heavier hides what a load weighs, but not on which side it is
-        seeds=tuple({"x": round(0.15 * cos(a), 3), "y": round(0.15 * sin(a), 3)} for a in ASIDE),
+        seeds=tuple({"x": round(OFF_CENTRE * cos(a), 3), "y": round(OFF_CENTRE * sin(a), 3)} for a in ASIDE),
     ),
     Effect(
         "link_mass",

@@ -8,9 +8,10 @@ import numpy as np
 
 from experiments.effects.effect import Effect
 from experiments.measurement.evidence.body_replay import DECIMATION, SMOOTHING
+from experiments.measurement.evidence.drive_replay import CHANNELS as DRIVE_CHANNELS
 from experiments.measurement.evidence.gather import gather
 from experiments.measurement.evidence.joint_evidence import JointEvidence
-from experiments.measurement.evidence.log_evidence import DRIVE_CHANNELS, Evidence, Point
+from experiments.measurement.evidence.log_evidence import Evidence, Point
 from experiments.measurement.fits.fit_types import Refitted
 from experiments.measurement.fits.misfit import FLOOR, Misfit, misfit
 from experiments.measurement.fits.nominal import never_given

@@ -33,6 +33,7 @@ from experiments.model import Model
 
 HINTS_TOLD = 2  # in the verdict's words; the answer file and the report hold more
 WELL_EXPLAINED = 0.02  # excess of chi^2 per residual at which the nominal numbers need no second look
+CLEARLY_LESS = 0.8  # of the excess, that free numbers have to leave at most where they need as many effects
 PROMISING = 0.5  # of that excess: with the nominal numbers as they stand, each effect has to explain most of the rest
 
 
@@ -118,7 +119,7 @@ def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bo
         return True
     if len(freed.fit.effects) < len(strict.fit.effects) and not at_end(freed.nominal, freed.fit):
         return excess(logs, freed.fit) < max(excess(logs, strict.fit), 2.0 * WELL_EXPLAINED)
-    return excess(logs, freed.fit) < 0.8 * excess(logs, strict.fit)
+    return excess(logs, freed.fit) < CLEARLY_LESS * excess(logs, strict.fit)
 
 
 def in_words(

@@ -19,6 +19,8 @@ from experiments.model import Model
 from sea_jax import JointMotion
 
 STEP = 0.02  # of a parameter: to see what the rival could still adapt
+FROM_STOPS = 0.3  # rad that the middle of a motion stays away from the joints' ends
+TELLS = 1.0  # noise deviations from which a motion tells two effects apart
 
 
 @dataclass(frozen=True)
@@ -42,12 +44,12 @@ def next_experiment(logs: Sequence[Evidence], selection: Selection, model: Model
     geometry = geometry_from_numbers(model.numbers.model_dump(mode="json"))
     rest = log.drive.log.joint_position[: log.drive.rows].mean(0).astype(float)
     limits = np.asarray(geometry.position_limits, float)
-    rest = np.clip(rest, limits[:, 0] + 0.3, limits[:, 1] - 0.3)
+    rest = np.clip(rest, limits[:, 0] + FROM_STOPS, limits[:, 1] - FROM_STOPS)
     judged = []
     for excitation in excitations(limits, rest, log.period):
         judged.append((min(separation(log, *pair, excitation) for pair in rivals), excitation))
     size, best = max(judged, key=lambda pair: pair[0])
-    if size < 1.0:
+    if size < TELLS:
         text = f"no motion of the legs in the air tells {tied} apart; load the legs: squat and hop on the ground"
         return NextExperiment(text)
     text = f"legs in the air, {best.name}: it puts {size:.1f} noise deviations between {tied}; play next_experiment.csv"

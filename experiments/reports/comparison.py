@@ -6,7 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from experiments.measurement.compare import REGIMES, Comparison
-from experiments.measurement.evidence.log_evidence import DRIVE_CHANNELS
+from experiments.measurement.evidence.drive_replay import CHANNELS as DRIVE_CHANNELS
 from experiments.reports.figures import new_figure
 from experiments.reports.page import Block, Card, Cards, Columns, Figure, Section, Table, Text, write_report
 

@@ -5,8 +5,9 @@ import plotly.graph_objects as go
 
 from experiments.measurement.compare import REGIMES, regimes
 from experiments.measurement.diagnose import Diagnosis
+from experiments.measurement.evidence.drive_replay import CHANNELS as DRIVE_CHANNELS
 from experiments.measurement.evidence.joint_evidence import JointEvidence
-from experiments.measurement.evidence.log_evidence import DRIVE_CHANNELS, Evidence
+from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.logs.log import SIGNALS
 from experiments.measurement.selection.verdict import held_out_error
 from experiments.reports.bench_figures import bench_signals, bench_spectrum

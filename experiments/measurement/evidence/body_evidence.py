@@ -62,8 +62,8 @@ class BodyEvidence:
     nominal: np.ndarray  # (N, 26) the same of that log
     sliding: np.ndarray  # (T, 4) rows on which a foot slides
     period: float
-    used: np.ndarray
-    floor: np.ndarray
+    used: np.ndarray  # (N, 26) 1.0 where a row counts
+    floor: np.ndarray  # (26,) physical units
     tau: np.ndarray  # (26,) rows of residual that carry as much as one independent row
 
     @property

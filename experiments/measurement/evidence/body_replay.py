@@ -32,6 +32,8 @@ from sea_jax.hooks import no_signals
 Array = jax.Array
 
 SMOOTHING = 0.05  # s, half width of the filter on the residuals
+LEAST_NORMAL = 5.0  # N by which a foot's tangential force is divided at least
+STRAIGHT = 1e-10  # m^6, square of a leg's determinant below which its inverse is damped
 LANES = 32  # rows that go through the equations together: more of them leave the fastest cache
 DECIMATION = 4  # rows per residual kept: the filter leaves no more than that
 
@@ -112,7 +114,7 @@ class BodyReplay:
             foot_force=foot_force,
             gap=(touching * n).sum(-1) - params.terrain.offset + give,
             slip_velocity=size(sliding),
-            friction=size(tangential) / jnp.maximum(normal, 5.0) - friction,
+            friction=size(tangential) / jnp.maximum(normal, LEAST_NORMAL) - friction,
         )
 
     def _true(self, log: BodyLog, numbers: EffectNumbers) -> BodyLog:
@@ -214,5 +216,5 @@ def solve3(a: Array, b: Array) -> Array:
     r0, r1, r2 = a[..., 0, :], a[..., 1, :], a[..., 2, :]
     c12, c20, c01 = jnp.cross(r1, r2), jnp.cross(r2, r0), jnp.cross(r0, r1)
     determinant = (r0 * c12).sum(-1)
-    inverse = determinant / (determinant * determinant + 1e-10)
+    inverse = determinant / (determinant * determinant + STRAIGHT)
     return (b[..., 0:1] * c12 + b[..., 1:2] * c20 + b[..., 2:3] * c01) * inverse[..., None]

@@ -180,6 +180,3 @@ def _pad(table: np.ndarray) -> np.ndarray:
 
 def _noisy(rng: np.random.Generator, table: np.ndarray, std: float) -> np.ndarray:
     return (table + std * rng.standard_normal(table.shape)).astype(np.float32)
-
-
-__all__ = ["FELT_BY_DRIVES", "DriveEvidence", "drive_evidence", "rows_that_count"]

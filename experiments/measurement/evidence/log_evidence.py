@@ -10,7 +10,6 @@ from experiments.measurement.evidence.blocks import BLOCK, add_products, sum_blo
 from experiments.measurement.evidence.body_evidence import FELT_BY_BODIES, BodyEvidence
 from experiments.measurement.evidence.body_replay import DECIMATION, filter_window
 from experiments.measurement.evidence.drive_evidence import FELT_BY_DRIVES, DriveEvidence
-from experiments.measurement.evidence.drive_replay import CHANNELS as DRIVE_CHANNELS
 from experiments.measurement.evidence.drive_ripple import ripple_lines
 from experiments.measurement.evidence.features import Change, Products, Seeds
 from experiments.measurement.evidence.load_evidence import LoadEvidence
@@ -272,6 +271,3 @@ def apart(joints: list[np.ndarray]) -> list[list[int]]:
         groups[g].append(i)
         taken[g] = taken[g] | mine
     return groups
-
-
-__all__ = ["DRIVE_CHANNELS", "Evidence", "Point"]

@@ -31,14 +31,14 @@ class Nominal(NamedTuple):
 
 @dataclass(frozen=True)
 class Refitted:
-    """A fit. chi2, one array of blocks per log; covariance of the effects' parameters, in their order."""
+    """A fit."""
 
     effects: tuple[Placed, ...]
-    nominal: np.ndarray  # fitted deviations, in each one's own unit
-    spread: np.ndarray  # their standard deviations; as the last fit with them free had them
-    points: tuple[Point, ...]
-    chi2: tuple[np.ndarray, ...]
-    covariance: np.ndarray
+    nominal: np.ndarray  # (k,) fitted deviations, in each one's own unit
+    spread: np.ndarray  # (k,) their standard deviations; as the last fit with them free had them
+    points: tuple[Point, ...]  # one per log
+    chi2: tuple[np.ndarray, ...]  # (blocks,) per log
+    covariance: np.ndarray  # (p, p) of the effects' parameters, in their order
 
     @property
     def total(self) -> float:

@@ -20,6 +20,7 @@ FINALISTS = 5  # effects that are refitted in each round
 NEARLY, MOST_FINALISTS = 0.5, 8
 DOMINATED = 0.05  # of the best linear score: hypotheses below it are not refitted
 REFINED, LONG_FIT = 2, 12  # finalists that are fitted again with all nominal numbers, and its iterations at most
+ELSEWHERE = 0.7  # of the best one's linear score, from which its effect at another place is refitted, too
 NEAR = 2.0  # times the best one's chi^2 on held-out blocks that they may leave
 
 
@@ -102,5 +103,5 @@ def _finalists(ranking: Sequence[Scored], chosen: Sequence[Placed]) -> list[Scor
     best = [s for s in best[: max(FINALISTS, near)] if s.gain > DOMINATED * best[0].gain]
     if best:  # the winner's next best place is a hypothesis of its own
         rivals = [s for s in fresh if s.effect is best[0].effect and s.where != best[0].where]
-        best += [s for s in rivals if s.gain > 0.7 * best[0].gain][:1]
+        best += [s for s in rivals if s.gain > ELSEWHERE * best[0].gain][:1]
     return best

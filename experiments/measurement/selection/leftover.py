@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.measurement.evidence.blocks import sum_blocks
+from experiments.measurement.evidence.drive_replay import CHANNELS as DRIVE_CHANNELS
 from experiments.measurement.evidence.joint_evidence import JointEvidence
-from experiments.measurement.evidence.log_evidence import DRIVE_CHANNELS, Evidence
+from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Refitted
 
 Array = np.ndarray

@@ -17,6 +17,7 @@ from experiments.measurement.selection.linear_score import best_of_each
 Verdict = Literal["explained", "partly_explained", "none", "unknown", "not_identifiable", "data_fault"]
 
 QUIET = 1.3 * FLOOR  # residual over noise of the worst channel where nothing is missing
+WHOLE = 1.5 * FLOOR  # residual over noise of the worst channel where effects explain a log: they have errors, too
 FOUND_SHARE = 0.7  # of the excess over the floor that the effects must take away to be believed
 LOUD, SHARE_OF_LOUD = 5.0 * QUIET, 0.05  # a rest so loud, and such a share of the misfit, has another law than these
 LARGE = 0.2  # of the nominal excess: a smaller effect that has rivals does not make the verdict uncertain
@@ -50,7 +51,7 @@ def decide(logs: Sequence[Evidence], selection: Selection) -> tuple[Verdict, tup
         return "unknown", ()
     if any(tied and _large(logs, selection, k) for k, tied in enumerate(selection.ties)):
         return "not_identifiable", effects
-    whole = left <= 1.5 * FLOOR or unexplained(logs, selection) < NOTHING_LEFT
+    whole = left <= WHOLE or unexplained(logs, selection) < NOTHING_LEFT
     return ("explained" if whole else "partly_explained"), effects
 
 
