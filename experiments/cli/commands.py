@@ -2,10 +2,10 @@
 
 import typer
 
-from experiments.cli import bench, collect, measuring, replay, robustness, sweep, tune
+from experiments.cli import bench, collect, measuring, play, replay, robustness, sweep, tune
 
 
 def register(app: typer.Typer) -> None:
     """Add every subcommand to the command line."""
-    for module in (tune, replay, robustness, measuring, bench, sweep, collect):
+    for module in (tune, replay, robustness, measuring, play, bench, sweep, collect):
         module.register(app)

@@ -79,7 +79,7 @@ def write_batch(cases: Sequence[Case], numbers: Sequence[int], folder: Path) -> 
                 again.append(i)
                 continue
             name = f"case_{numbers[i]:04d}"
-            _write(folder / name, cases[i], recording, log)
+            write_case(folder / name, cases[i], recording, log)
             against = _one(twin, twins.index(i)) if i in twins and twin is not None else None
             sealed[name] = _truth(cases[i], recording, log, against)
         left = again
@@ -92,7 +92,8 @@ def _one(recording: Recording, log: int) -> dict[str, np.ndarray]:
     return {name: values[log] for name, values in recording.true.items()}
 
 
-def _write(path: Path, case: Case, recording: Recording, log: int) -> None:
+def write_case(path: Path, case: Case, recording: Recording, log: int = 0) -> None:
+    """Write the log of a case that is one of a recording's batch: `<path>.csv.gz` and `<path>.json`."""
     signals = list(recording.signals)
     drive = case.bench_drive
     if drive is None:

@@ -12,6 +12,8 @@ from experiments.cli.options import finite
 FLOATS = [
     ["tune", "squat_jump", "--alpha"],
     ["robustness", "nowhere", "--gate"],
+    ["play", "air", "--duration"],
+    ["play", "air", "--noise"],
     ["sweep", "--task", "squat_jump", "--output", "o", "--alpha"],
     ["sweep", "--task", "squat_jump", "--output", "o", "--hours"],
     ["bench", "diagnosis", "--duration"],

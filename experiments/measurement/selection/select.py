@@ -13,7 +13,7 @@ from experiments.measurement.fits.footprint import noise_at
 from experiments.measurement.fits.misfit import above_floor, excess
 from experiments.measurement.fits.refit import SHORT_FIT, refit
 from experiments.measurement.selection.belief import CLEAR_GAIN, LEAST_GAIN, all_blocks, halves, weight_of
-from experiments.measurement.selection.choice import Judge
+from experiments.measurement.selection.choice import Choice, Judge
 from experiments.measurement.selection.elsewhere import Elsewhere
 from experiments.measurement.selection.finalists import FINALISTS, Round, at_other_joints
 from experiments.measurement.selection.ladder import Rung, Selection
@@ -50,43 +50,57 @@ def select(
         begun = Rung("nominal model", fit, refit(logs, (), nominal, fit, train, SHORT_FIT))
     selection = Selection(begun.fit, nominal, Elsewhere(logs, nominal), ladder=[begun])
     while len(selection.fit.effects) < most and excess(logs, selection.fit) > least:
-        more = leaves_more(logs, selection)
-        if selection.fit.effects and not more:
+        chosen = _next(logs, selection, promising, say)
+        if chosen is None:
             break
-        changes, variants = changes_of(logs[0].atoms.effects, logs, selection.fit.points)
-        say(f"scoring {len(variants)} hypotheses at every place")
-        before = selection.ladder[-1].proof
-        products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
-        ranking = scored_at(logs, products, selection.fit, nominal, changes, variants)
-        selection.rankings.append(ranking)
-        noise = weight_of(logs, all_blocks(logs))
-        worth = more or stands_out(ranking, logs)
-        if not worth or not _promises(ranking, promising * (selection.fit.total - noise)):
-            break
-        round_ = Round(logs, nominal, changes, products, train, test, say)
-        finalists = round_.refitted(selection.fit, ranking)
-        selection.refitted.append({(f.scored.effect.name, f.scored.where): f.held_out for f in finalists})
-        judge = Judge(logs, before, test, selection.elsewhere, selection.refuted)
-        chosen = judge.choice(finalists)
-        if chosen is None:  # what nothing explains at some joints must not hide an effect at others
-            others = at_other_joints(ranking, logs[0].atoms.joint_names)
-            if not stands_out(others, logs):
-                break
-            chosen = judge.choice(round_.refitted(selection.fit, others))
-            if chosen is None:
-                break
-        winner, rivals, sure = chosen
-        full = refit(logs, winner.fit.effects, nominal, winner.fit)
-        selection.ties.append([(f.scored.effect.name, f.scored.where) for f in rivals])
-        selection.winners.append(winner.fit)
-        selection.rivals.append([f.fit for f in rivals])
-        selection.sure.append(sure)
-        selection.fit = full
-        selection.ladder.append(Rung(f"+ {winner.scored.effect.name}@{winner.scored.where}", full, winner.fit))
+        _add(selection, chosen, refit(logs, chosen.winner.fit.effects, nominal, chosen.winner.fit))
         take_out_needless(selection, logs, train, test)
     take_out_unsure(selection)
     take_out_idle(selection, logs, train)
     return selection
+
+
+def _next(
+    logs: Sequence[Evidence], selection: Selection, promising: float, say: Callable[[str], None]
+) -> Choice | None:
+    """One round: the effect that is proven beside those found, and its rivals; None where there is none."""
+    more = leaves_more(logs, selection)
+    if selection.fit.effects and not more:
+        return None
+    ranking, round_ = _scored(logs, selection, say)
+    over = selection.fit.total - weight_of(logs, all_blocks(logs))
+    if not (more or stands_out(ranking, logs)) or not _promises(ranking, promising * over):
+        return None
+    finalists = round_.refitted(selection.fit, ranking)
+    selection.refitted.append({(f.scored.effect.name, f.scored.where): f.held_out for f in finalists})
+    judge = Judge(logs, selection.ladder[-1].proof, round_.test, selection.elsewhere, selection.refuted)
+    chosen = judge.choice(finalists)
+    if chosen is not None:
+        return chosen
+    # what nothing explains at some joints must not hide an effect at others
+    others = at_other_joints(ranking, logs[0].atoms.joint_names)
+    return judge.choice(round_.refitted(selection.fit, others)) if stands_out(others, logs) else None
+
+
+def _scored(logs: Sequence[Evidence], selection: Selection, say: Callable[[str], None]) -> tuple[list[Scored], Round]:
+    """The linear score of every hypothesis beside those found, and what their refits need."""
+    changes, variants = changes_of(logs[0].atoms.effects, logs, selection.fit.points)
+    say(f"scoring {len(variants)} hypotheses at every place")
+    products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
+    ranking = scored_at(logs, products, selection.fit, selection.nominal, changes, variants)
+    selection.rankings.append(ranking)
+    return ranking, Round(logs, selection.nominal, changes, products, *halves(logs), say)
+
+
+def _add(selection: Selection, chosen: Choice, full: Refitted) -> None:
+    """The next rung: a winner and its fit to everything."""
+    winner, rivals, sure = chosen
+    selection.ties.append([(f.scored.effect.name, f.scored.where) for f in rivals])
+    selection.winners.append(winner.fit)
+    selection.rivals.append([f.fit for f in rivals])
+    selection.sure.append(sure)
+    selection.fit = full
+    selection.ladder.append(Rung(f"+ {winner.scored.effect.name}@{winner.scored.where}", full, winner.fit))
 
 
 def leaves_more(logs: Sequence[Evidence], selection: Selection) -> bool:
