@@ -26,6 +26,7 @@ from experiments.measurement.evidence.behind_sensors import behind_sensors
 from experiments.measurement.logs.log import Log
 from mjx_starleth.bodies import Bodies, BodyParams, make_bodies
 from mjx_starleth.numbers import RobotNumbers
+from mjx_starleth.smooth import Smooth
 from sea_jax import JointMotion
 from sea_jax.hooks import no_signals
 
@@ -77,45 +78,39 @@ class BodyReplay:
         return jax.tree.map(lambda table: table.reshape(-1, *table.shape[2:]), found)
 
     def _row(self, params: BodyParams, numbers: EffectNumbers, row: BodyLog) -> BodyResidual:
-        q, u = row.q, row.u
-        s = self.bodies.smooth(params, q, u)
-        base, legs = row.du[:6], row.du[6:].reshape(4, 3)
-        force = jnp.zeros(6, jnp.float32)
-        force = force.at[:3].set(self.effects.apply("torso_force", numbers, jnp.zeros(3, jnp.float32)))
-        on_torso = mv(s.m_base, base) + mv(s.cross.swapaxes(1, 2), legs).sum(0) + s.bias[:6] - force
-        on_legs = mv(s.cross, base[None]) + mv(s.m_leg, legs) + s.bias[6:].reshape(4, 3)
-
+        s = self.bodies.smooth(params, row.q, row.u)
+        on_torso, on_legs = self._needed(s, row.du, numbers)
         n = params.terrain.normal[None]
         touching = s.r_WF - params.foot_radius * n
-        arm = touching - q[None, :3]
+        arm = touching - row.q[None, :3]
         leg_jacobian = jnp.cross(s.axis, touching[:, None] - s.anchor)  # (4 legs, 3 joints, 3 world)
         on_ground = row.contact * (0.0 if self.clamped else 1.0)
         # a bearing's drag is next to nothing of the load that it is in proportion to
         carried = on_ground[:, None] * solve3(leg_jacobian, on_legs - row.torque.reshape(4, 3))
-        tau = row.torque - self._drag(u, _radial_load(params, s.axis, carried), numbers)
+        tau = row.torque - self._drag(row.u, _radial_load(params, s.axis, carried), numbers)
         on_legs = on_legs - tau.reshape(4, 3)
         foot_force = on_ground[:, None] * solve3(leg_jacobian, on_legs)
         on_torso = on_torso - jnp.concatenate([foot_force.sum(0), mv(s.R_WB.T, jnp.cross(arm, foot_force).sum(0))])
-        omega = mv(s.R_WB, u[3:6])[None]
-        velocity = (
-            u[None, :3]
-            + jnp.cross(jnp.broadcast_to(omega, arm.shape), arm)
-            + (leg_jacobian * u[6:].reshape(4, 3, 1)).sum(1)
-        )
         normal = (foot_force * n).sum(-1)
-        tangential = foot_force - normal[:, None] * n
-        sliding = velocity - (velocity * n).sum(-1)[:, None] * n
-        friction = jnp.broadcast_to(params.friction, (4,))
-        size = lambda x: jnp.sqrt((x * x).sum(-1) + 1e-12)  # noqa: E731
+        velocity = _foot_velocity(s.R_WB, row.u, arm, leg_jacobian)
         give = jnp.broadcast_to(params.compliance, (4,)) * normal
+        friction = jnp.broadcast_to(params.friction, (4,))
         return BodyResidual(
             torso=on_torso,
             joints=(on_legs * (1.0 - on_ground[:, None])).reshape(12),
             foot_force=foot_force,
             gap=(touching * n).sum(-1) - params.terrain.offset + give,
-            slip_velocity=size(sliding),
-            friction=size(tangential) / jnp.maximum(normal, LEAST_NORMAL) - friction,
+            slip_velocity=_size_along(velocity, n),
+            friction=_size_along(foot_force, n) / jnp.maximum(normal, LEAST_NORMAL) - friction,
         )
+
+    def _needed(self, s: Smooth, du: Array, numbers: EffectNumbers) -> tuple[Array, Array]:
+        """What has to act on the torso (6,) and on the legs' joints (4, 3) for this motion, feet and drives aside."""
+        base, legs = du[:6], du[6:].reshape(4, 3)
+        pull = self.effects.apply("torso_force", numbers, jnp.zeros(3, jnp.float32))
+        force = jnp.concatenate([pull, jnp.zeros(3, jnp.float32)])
+        on_torso = mv(s.m_base, base) + mv(s.cross.swapaxes(1, 2), legs).sum(0) + s.bias[:6] - force
+        return on_torso, mv(s.cross, base[None]) + mv(s.m_leg, legs) + s.bias[6:].reshape(4, 3)
 
     def _true(self, log: BodyLog, numbers: EffectNumbers) -> BodyLog:
         """The log without what the effects do to the joints' sensors."""
@@ -130,6 +125,18 @@ class BodyReplay:
         zero = jnp.zeros(12, jnp.float32)
         signals = no_signals(zero, self.bodies.period)._replace(joint_velocity=u[6:], radial_load=load)
         return self.effects.apply("joint_drag", numbers, zero, signals)
+
+
+def _foot_velocity(R_WB: Array, u: Array, arm: Array, leg_jacobian: Array) -> Array:
+    """Velocity of the feet's contact points (4, 3) in the world, their arms (4, 3) taken from the torso."""
+    omega = jnp.broadcast_to(mv(R_WB, u[3:6])[None], arm.shape)
+    return u[None, :3] + jnp.cross(omega, arm) + (leg_jacobian * u[6:].reshape(4, 3, 1)).sum(1)
+
+
+def _size_along(vectors: Array, n: Array) -> Array:
+    """Size of the parts of vectors (4, 3) along a plane with normal n (1, 3); with a slope at zero, too."""
+    along = vectors - (vectors * n).sum(-1)[:, None] * n
+    return jnp.sqrt((along * along).sum(-1) + 1e-12)
 
 
 def _radial_load(params: BodyParams, axis: Array, foot_force: Array) -> Array:

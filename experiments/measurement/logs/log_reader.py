@@ -1,5 +1,6 @@
 """From files to a `Log`: the table by its ending, the JSON beside it, units and names by a column map."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -69,32 +70,17 @@ def make_log(columns: Columns, info: LogInfo, column_map: ColumnMap | None = Non
     lengths = {columns[conversion.source].size for conversion in wanted.values()}
     if len(lengths) > 1:
         raise UserError(f"{name}: the columns have different lengths, from {min(lengths)} to {max(lengths)} rows.")
-    found: dict[str, list[str]] = {}
-    unread = [f"key {key}" for key in info.unknown_keys]
-    for column in wanted:
-        signal, _, of = column.partition("/")
-        if signal not in SIGNALS:
-            if column != "time":
-                unread.append(column)
-        elif of not in signal_names(signal, info.joint):
-            known = ", ".join(signal_names(signal, info.joint))
-            raise UserError(
-                f"{name}: column {shown(column)} names something that robot '{info.robot}' does not have "
-                f"({signal}: {known}); say what it is in a column map, or correct 'robot' in the JSON."
-            )
-        else:
-            found.setdefault(signal, []).append(of)
+    names, unread = _names_by_signal(wanted, info, name)
 
     def values(column: str) -> np.ndarray:
         conversion = wanted[column]
         with np.errstate(over="ignore", invalid="ignore"):
             return columns[conversion.source] * conversion.factor + conversion.offset
 
-    tables = {}
-    for signal in SIGNALS:
-        if signal in found:
-            names = tuple(of for of in signal_names(signal, info.joint) if of in found[signal])
-            tables[signal] = SignalTable(names, np.stack([values(f"{signal}/{of}") for of in names], axis=1))
+    tables = {
+        signal: SignalTable(its, np.stack([values(f"{signal}/{of}") for of in its], axis=1))
+        for signal, its in names.items()
+    }
     return Log(
         robot=info.robot,
         experiment=info.experiment,
@@ -105,8 +91,30 @@ def make_log(columns: Columns, info: LogInfo, column_map: ColumnMap | None = Non
         signals=tables,
         name=name,
         source=info.source,
-        unread=tuple(unread),
+        unread=unread,
     )
+
+
+def _names_by_signal(
+    columns: Iterable[str], info: LogInfo, log: str
+) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+    """Of each signal, what its columns are of, in the format's order; and what no one reads. Raises UserError."""
+    found: dict[str, list[str]] = {}
+    unread = [f"key {key}" for key in info.unknown_keys]
+    for column in columns:
+        signal, _, of = column.partition("/")
+        if signal not in SIGNALS:
+            unread += [] if column == "time" else [column]
+        elif of not in signal_names(signal, info.joint):
+            known = ", ".join(signal_names(signal, info.joint))
+            raise UserError(
+                f"{log}: column {shown(column)} names something that robot '{info.robot}' does not have "
+                f"({signal}: {known}); say what it is in a column map, or correct 'robot' in the JSON."
+            )
+        else:
+            found.setdefault(signal, []).append(of)
+    names = {s: tuple(of for of in signal_names(s, info.joint) if of in found[s]) for s in SIGNALS if s in found}
+    return names, tuple(unread)
 
 
 def _with_drive(info: LogInfo) -> BenchJoint | None:
