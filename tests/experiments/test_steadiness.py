@@ -8,6 +8,7 @@ import pytest
 from rigid_bench import GEARED, SILENT, bench_log
 
 from experiments.effects.library import LIBRARY
+from experiments.independent_plant.practice import parse_hidden, practise
 from experiments.measurement.checks.check import check
 from experiments.measurement.diagnose import diagnose
 from experiments.measurement.evidence.gather import gather, model_for
@@ -58,7 +59,7 @@ def with_a_law(air: Evidence, placed: Placed, state: str | None) -> Evidence:
     start = air.start()
     there = start._replace(x=air.atoms.placed(start.x, [placed]))
     without, with_it = air.drive.predict(np.stack([start.x, there.x]), np.zeros((2, 12)))
-    size = 1.0 if state is None else 1.0 + next(iter(states_of(air)))[state]
+    size = 1.0 if state is None else 1.0 + next(iter(states_of(air, air.start())))[state]
     drive = replace(air.drive, measured=air.drive.measured + size * (with_it - without))
     return replace(air, drive=drive, drives_known=type(air.drives_known)())
 
@@ -74,6 +75,17 @@ def test_a_drive_s_law_that_goes_with_a_state_is_told_by_that_state(air, effect:
     found = changes_in([log], fit, nominal)
     assert [(one.effect, one.where, one.state) for one in found] == ([(effect, "LH_HFE", state)] if state else [])
     assert all(0.3 < one.share < 2.0 for one in found)
+
+
+def test_the_noise_of_a_torque_sensor_is_no_change_with_the_load(tmp_path) -> None:
+    """Legs in the air bear hardly more than the sensors' noise: a load that had it went with any stiffness."""
+    practise("air", [parse_hidden("spring_stiffness change=0.5")], tmp_path / "stiff", duration=3.0)
+    log = read_log(tmp_path / "stiff.csv.gz")
+    evidence = gather(log, nominal_model(), LIBRARY, noise_of(log))
+    nominal = never_given(nominal_model(), evidence.atoms.effects)
+    fit = refit([evidence], [Placed("spring_stiffness", "all", {"relative": 0.5})], nominal)
+    assert fit.effects[0].parameters["relative"] == pytest.approx(0.5, abs=0.02)
+    assert changes_in([evidence], fit, nominal) == []
 
 
 def test_several_logs_judge_together(air) -> None:

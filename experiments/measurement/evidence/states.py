@@ -4,8 +4,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from experiments.measurement.evidence.drive_replay import CHANNELS
 from experiments.measurement.evidence.joint_evidence import JointEvidence
-from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.evidence.log_evidence import Evidence, Point
 
 Array = np.ndarray
 States = Mapping[str, Array]  # time, position, speed, load; each of a shape that goes with its part's rows
@@ -14,8 +15,12 @@ ENDS = (1.0, 99.0)  # per cent of the rows between which a state goes from -1 to
 LEAST = 1e-9  # half range below which a state does not change
 
 
-def states_of(log: Evidence | JointEvidence) -> Iterator[States]:
-    """The states of each part of a log, in the order of its `local_parts`."""
+def states_of(log: Evidence | JointEvidence, point: Point) -> Iterator[States]:
+    """The states of each part of a log, in the order of its `local_parts`.
+
+    The drives' load is what their replay at a point predicts: the measured one has the noise of the residual itself,
+    which goes with any law that is multiplied by it.
+    """
     if isinstance(log, JointEvidence):
         row = slice(0, log.rows, log.filter.stride)
         motion = (np.asarray(x, float)[row, None] for x in (log.log.position, log.log.velocity, log.log.effort))
@@ -23,10 +28,17 @@ def states_of(log: Evidence | JointEvidence) -> Iterator[States]:
         return
     if log.drive is not None:
         d, rows = log.drive.log, slice(0, log.drive.rows)
-        found = _states(*(np.asarray(x[rows], float) for x in (d.joint_position, d.motor_velocity, d.joint_torque)))
+        load = d.joint_torque[rows] + _torque_errors(log, point)
+        found = _states(*(np.asarray(x, float) for x in (d.joint_position[rows], d.motor_velocity[rows], load)))
         yield {name: state[..., None] for name, state in found.items()}
     if log.body is not None:
         yield _of_bodies(log)
+
+
+def _torque_errors(log: Evidence, point: Point) -> Array:
+    """Predicted less measured joint torque (T, J), N m; zero on rows that do not count."""
+    c = CHANNELS.index("joint_torque")
+    return log.drive_residual([point])[0][..., c] * log.drive.floor[:, c]
 
 
 def _of_bodies(log: Evidence) -> States:
