@@ -20,10 +20,12 @@ from experiments.measurement.evidence.states import States, states_of
 from experiments.measurement.fits.fit_problem import Problem
 from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fits.fit_variables import Variable, difference, variables_of
+from experiments.measurement.fits.misfit import above_floor
 
 Array = np.ndarray
 
 CLEAR = 200.0  # fall of chi^2: right effects of 140 logs of the second plant stay below 120, most below 10
+OF_REST = 0.25  # of what the fit leaves above the floor, that a change takes: else it is the rest that has another law
 LARGE = 0.05  # of the effect, at either end of the state: a smaller change may be the model's own error
 
 
@@ -61,11 +63,12 @@ def changes_in(logs: Sequence[Evidence | JointEvidence], fit: Refitted, nominal:
     if not fit.effects:
         return []
     at, found = _fitted(logs, fit, nominal), []
+    least = max(CLEAR, OF_REST * above_floor(logs, fit))
     known = {effect.name: effect for effect in logs[0].atoms.effects}
     for placed in fit.effects:
         effect = known[placed.effect]
         judged = [_judged(at, placed, effect, state) for state in _states_of(effect)]
-        clear = [one for one in judged if one.gain > CLEAR and one.share > LARGE]
+        clear = [one for one in judged if one.gain > least and one.share > LARGE]
         found += [max(clear, key=lambda one: one.gain)] if clear else []
     return sorted(found, key=lambda one: -one.gain)
 
