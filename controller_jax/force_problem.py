@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
+from controller_jax.foot_contact import Soles
 from controller_jax.joint_torques import weight_torque
 from controller_jax.leg_kinematics import LegKinematics
 from controller_jax.rotations import TINY, cross, dot, mm, mv, skew
@@ -37,11 +38,18 @@ class SupportLegs(NamedTuple):
     load: Array  # (4,) 1 for a support leg, 0 for a leg in the air; between, it shares the load in proportion
 
 
-def support_legs(geometry: LegGeometry, legs: LegKinematics, R_WB: Array, R_WC: Array, load: Array) -> SupportLegs:
-    """The legs in the control frame, under loads (4,)."""
+def support_legs(
+    geometry: LegGeometry, legs: LegKinematics, R_WB: Array, R_WC: Array, load: Array, feet: Soles | None = None
+) -> SupportLegs:
+    """The legs in the control frame, under loads (4,).
+
+    With `feet`, the ground's forces act at the soles, where they do, and not at the centres of the feet: on a slope
+    of 21 degrees, under an upright force, that is 7 mm of lever arm apart.
+    """
     R_CB = mm(R_WC.T, R_WB)
     weight = weight_torque(geometry, legs, R_WB)
-    return SupportLegs(mv(R_CB[None], legs.r_BF_B), mm(R_CB[None], legs.J_BF_B), weight, load)
+    r_B, J_B = (legs.r_BF_B, legs.J_BF_B) if feet is None else (feet.r_BS_B, feet.J_BS_B)
+    return SupportLegs(mv(R_CB[None], r_B), mm(R_CB[None], J_B), weight, load)
 
 
 class ForceProblem(NamedTuple):

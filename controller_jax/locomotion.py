@@ -11,15 +11,15 @@ from controller_jax.foothold import FootholdParams, desired_footholds
 from controller_jax.force_distribution import (
     DistributionSettings,
     DistributionState,
-    SupportLegs,
     distribute_forces,
     init_distribution,
 )
+from controller_jax.force_problem import support_legs
 from controller_jax.gait import ReducedGait
-from controller_jax.joint_torques import joint_torques, weight_torque
+from controller_jax.joint_torques import joint_torques
 from controller_jax.leg_coordination import CoordinationParams, LegEvents, LegMemory
 from controller_jax.leg_kinematics import leg_kinematics
-from controller_jax.rotations import control_frame, cross, mm, mtv, mv
+from controller_jax.rotations import control_frame, cross, mtv, mv
 from controller_jax.swing_leg import FootMotion, SwingParams, joint_positions, swing_motion
 from controller_jax.terrain_estimator import Plane, TerrainParams
 from controller_jax.torso_motion import TorsoParams, TorsoTarget, torso_target
@@ -129,21 +129,16 @@ def step(
     trim = learn(params.velocity, state.trim, smoothed, torso_velocity(robot, R_WC), period)
     asked = jax.tree.map(jnp.add, smoothed, trim)
 
-    target = torso_target(
-        params.torso, pattern, phases, phase, soles_W, plane, robot.r_WB, R_WC, asked, geometry.gravity
-    )
+    target = torso_target(params.torso, pattern, phases, phase, soles_W, plane, R_WC, asked, geometry.gravity)
     integrals, wrench_C = virtual_model(
         params.gains, params.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, period
     )
-    R_CB = mm(R_WC.T, R_WB)
-    J_BF_C = mm(R_CB[None], legs.J_BF_B)
-    weight = weight_torque(geometry, legs, R_WB)
-    support = SupportLegs(mv(R_CB[None], legs.r_BF_B), J_BF_C, weight, roles.support)
+    support = support_legs(geometry, legs, R_WB, R_WC, roles.support, feet)
     distribution, forces = distribute_forces(params.distribution, state.distribution, support, wrench_C)
 
     motion = _swing(params, geometry, robot, memory, roles, phases, R_WC, plane, asked, soles_W)
     position = joint_positions(params.swing, geometry, robot, legs, motion, plane.normal_W)
-    torque = joint_torques(forces.force, J_BF_C, weight)
+    torque = joint_torques(forces.force, support.J_BF_C, support.weight_torque)
     targets = JointTargets(torque, position, jnp.repeat(1.0 - roles.support, 3))
     info = LocomotionInfo(
         phase=phase,

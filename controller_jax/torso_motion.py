@@ -99,7 +99,6 @@ def torso_target(
     phase: Array,
     feet_W: Array,
     plane: Plane,
-    r_WB: Array,
     R_WC: Array,
     command: VelocityCommand,
     gravity: Array,
@@ -108,8 +107,8 @@ def torso_target(
     heights = girdle_heights(params, pattern, phase, gravity)
     up = jnp.array([0.0, 0.0, 1.0], jnp.float32)
     support = (foot_weights(params, phases)[:, None] * feet_W).sum(0)
-    # height counts from the ground under the torso itself, so that lagging on a slope is not read as height
-    height = height_at(plane, r_WB) + params.height + heights.value.mean()
+    # height counts from the ground under the target, so that the gains along the slope see no height in a lag
+    height = height_at(plane, support) + params.height + heights.value.mean()
     rise = (heights.value[1] - heights.value[0]) / params.girdle_distance
     rise_rate = (heights.slope[1] - heights.slope[0]) / params.girdle_distance
     rise_acceleration = (heights.curvature[1] - heights.curvature[0]) / params.girdle_distance

@@ -94,13 +94,11 @@ def control(
     smoothed = smooth(params.velocity, state.command, VelocityCommand(*(stepping * speed for speed in command)))
     asked = jax.tree.map(jnp.add, smoothed, state.trim)
 
-    target = torso_target(
-        params.torso, pattern, phases, phase, soles_W, plane, robot.r_WB, R_WC, asked, geometry.gravity
-    )
+    target = torso_target(params.torso, pattern, phases, phase, soles_W, plane, R_WC, asked, geometry.gravity)
     integrals, wrench = virtual_model(
         params.gains, params.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, period
     )
-    support = support_legs(geometry, legs, R_WB, R_WC, LEAST_LOAD + (1.0 - LEAST_LOAD) * planned)
+    support = support_legs(geometry, legs, R_WB, R_WC, LEAST_LOAD + (1.0 - LEAST_LOAD) * planned, feet)
     distribution = smooth_forces(widths, params.distribution, state.distribution, support, wrench)
     force = planned[:, None] * distribution.force
 

@@ -124,7 +124,8 @@ def move(body, robot, info, targets_feet):
     support = info.support[:, None] > 0
     force = jnp.where(support, info.force_C @ R_WC.T, 0.0)
     v = body.v + PERIOD * (force.sum(0) / MASS - jnp.array([0.0, 0.0, GRAVITY]))
-    torque = jnp.cross(body.feet - body.r[None], force).sum(0)
+    soles = body.feet - jnp.array([[0.0, 0.0, RADIUS]])
+    torque = jnp.cross(soles - body.r[None], force).sum(0)
     inertia = body.R @ jnp.diag(jnp.asarray(INERTIA, jnp.float32)) @ body.R.T
     gyroscopic = jnp.cross(body.omega, inertia @ body.omega)
     omega = body.omega + PERIOD * jnp.linalg.inv(inertia) @ (torque - gyroscopic)
@@ -243,6 +244,20 @@ def test_standing_still_before_the_start():
     # at 0.42 m from axis to foot the lever is 0.127 m (FACTS 1); the shank's own weight takes off 0.2 N m
     np.testing.assert_allclose(np.abs(knee), 0.25 * MASS * GRAVITY * 0.127, atol=0.5)
     np.testing.assert_array_equal(np.sign(knee), [1, 1, -1, -1])
+
+
+def test_forces_are_planned_where_the_feet_touch():
+    """A robot pushed ahead brakes; what the forces miss of the wrench is counted with lever arms to the soles."""
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        state, body = begin()
+        body = body._replace(v=jnp.array([0.3, 0.0, 0.0]))
+        still, now = VelocityCommand(*jnp.zeros(3)), jnp.zeros(())
+        step = jax.jit(locomotion.step)
+        _, _, info = step(params("walking_trot"), GEOMETRY, state, robot_state(body), still, now, jnp.float32(PERIOD))
+    soles = np.asarray(body.feet) - np.asarray(body.r) - [0.0, 0.0, RADIUS]
+    assert float(info.force_C[:, 0].sum()) < -20.0
+    missed = np.cross(soles, np.asarray(info.force_C)).sum(0) - np.asarray(info.wrench_C[3:])
+    np.testing.assert_allclose(missed, info.tracking_C[3:], atol=0.02)
 
 
 def test_the_torso_does_not_leave_before_the_feet():

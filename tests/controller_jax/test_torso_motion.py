@@ -112,13 +112,13 @@ def test_running_trot_has_the_published_flight():
 LEVEL = np.eye(3)
 
 
-def target(params_, pattern_, phase, feet, plane=None, r_WB=(0, 0, 0.44), command=(0, 0, 0), R=LEVEL):
+def target(params_, pattern_, phase, feet, plane=None, command=(0, 0, 0), R=LEVEL):
     f = lambda x: jnp.asarray(x, jnp.float32)  # noqa: E731
     phase = f(phase)
     plane = plane or Plane(f([0, 0, 1]), f([0, 0, 0]))
     command = VelocityCommand(*map(f, command))
     phases = leg_phases(pattern_, phase)
-    return torso.torso_target(params_, pattern_, phases, phase, f(feet), plane, f(r_WB), f(R), command, f(GRAVITY))
+    return torso.torso_target(params_, pattern_, phases, phase, f(feet), plane, f(R), command, f(GRAVITY))
 
 
 FEET = np.array([[0.26, 0.2, 0], [0.24, -0.19, 0], [-0.25, 0.21, 0], [-0.25, -0.2, 0]])
@@ -171,17 +171,29 @@ def test_weights_fade_in_late_stance_and_return_in_late_swing():
     np.testing.assert_allclose(weights, raw / raw.sum(), atol=1e-5)
 
 
-def test_slope_tilts_the_torso_and_height_counts_along_gravity():
-    slope = 0.3
+def on_slope(slope):
+    """Control frame (3, 3) that faces up a slope, rad, and its plane."""
     normal = np.array([-np.sin(slope), 0, np.cos(slope)])
     R_WC = np.column_stack([[np.cos(slope), 0, np.sin(slope)], [0, 1, 0], normal])
-    feet = FEET @ R_WC.T
-    plane = Plane(jnp.asarray(normal, jnp.float32), jnp.zeros(3))
-    t = target(params(hop=0.0, speed_lead=[0.4, 0.0]), TROT, 0.1, feet, plane, (0.1, 0, 0.5), (0.4, 0.1, 0.2), R_WC)
+    return R_WC, Plane(jnp.asarray(normal, jnp.float32), jnp.zeros(3))
+
+
+def test_slope_tilts_the_torso_along_its_command():
+    R_WC, plane = on_slope(0.3)
+    t = target(params(hop=0.0, speed_lead=[0.4, 0.0]), TROT, 0.1, FEET @ R_WC.T, plane, (0.4, 0.1, 0.2), R_WC)
     np.testing.assert_allclose(t.R_WB, R_WC, atol=1e-5)
-    assert float(t.r_WB[2]) == pytest.approx(0.44 + 0.1 * np.tan(slope), abs=1e-5)
     np.testing.assert_allclose(t.v_WB, R_WC @ [0.4 * 1.4, 0.1, 0], atol=1e-5)
-    np.testing.assert_allclose(t.omega_W, 0.2 * normal, atol=1e-5)
+    np.testing.assert_allclose(t.omega_W, 0.2 * R_WC[:, 2], atol=1e-5)
+
+
+@pytest.mark.parametrize("behind", [-0.06, 0.0, 0.06])
+def test_a_torso_that_lags_on_a_slope_is_at_its_height(behind):
+    """Along the slope's normal, where the stiffness in height acts, lagging behind the feet is no error."""
+    slope = 0.37
+    R_WC, plane = on_slope(slope)
+    t = target(params(hop=0.0), TROT, 0.1, (FEET + np.array([behind, 0, 0])) @ R_WC.T, plane, (0, 0, 0), R_WC)
+    above_origin = np.array([0.0, 0.0, 0.44])  # as high above the ground, along gravity, as it should be
+    assert np.asarray(t.r_WB - above_origin) @ R_WC[:, 2] == pytest.approx(0.0, abs=1e-5)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
@@ -195,7 +207,7 @@ def test_torso_turns_with_a_share_of_the_slope(axis, share):
     R_WC[:, 2] = np.cos(slope) * up - np.sin(slope) * rises
     plane = Plane(jnp.asarray(R_WC[:, 2], jnp.float32), jnp.zeros(3))
     shares = [share, 0.5] if axis == 1 else [0.5, share]  # roll, pitch
-    t = target(params(hop=0.0, slope_share=shares), TROT, 0.1, FEET @ R_WC.T, plane, (0, 0, 0.44), (0, 0, 0), R_WC)
+    t = target(params(hop=0.0, slope_share=shares), TROT, 0.1, FEET @ R_WC.T, plane, (0, 0, 0), R_WC)
     turned = np.cos(share * slope) * rises + np.sin(share * slope) * up
     np.testing.assert_allclose(np.asarray(t.R_WB)[:, axis], turned, atol=1e-5)
     np.testing.assert_allclose(np.asarray(t.R_WB)[:, 1 - axis], flat, atol=1e-5)
