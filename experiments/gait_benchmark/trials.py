@@ -28,7 +28,7 @@ Array = jax.Array
 
 SEGMENT = 400  # ticks, one second
 SHORTEST_FLIGHT = 0.02  # s
-CHUNK = 8  # trials of one device in one program (experiments.batch)
+CHUNK = 32  # trials of one device in one program (experiments.batch)
 
 
 class Cases(NamedTuple):
