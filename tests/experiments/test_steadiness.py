@@ -24,7 +24,7 @@ from experiments.measurement.selection.steadiness import changes_in
 from experiments.model import nominal_model
 
 AIR = Path(__file__).parents[1] / "data" / "air_reference_1500ms.csv.gz"
-WEAK = {"torque_constant": {"relative": -0.2}, "viscous_friction": {"coefficient": 1e-4}}
+WEAK = {"torque_constant": {"relative": -0.4}, "viscous_friction": {"coefficient": 1e-4}}
 
 
 def fading(share: float) -> Log:
