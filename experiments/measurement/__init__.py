@@ -1,4 +1,7 @@
-"""Logs of a robot against its model: reading, checking, comparing, diagnosing, learning."""
+"""Logs of a robot against its model: reading, checking, comparing, diagnosing, learning.
+
+In layers, each of which knows only those before it: logs, checks, evidence, fits, selection.
+"""
 
 from experiments.measurement.logs.log import SIGNALS, BenchJoint, Log, SignalTable
 from experiments.measurement.logs.log_reader import make_log, read_log
