@@ -24,7 +24,7 @@ from experiments.measurement.fits.misfit import above_floor
 
 Array = np.ndarray
 
-CLEAR = 200.0  # fall of chi^2: right effects of 140 logs of the second plant stay below 120, most below 10
+CLEAR = 200.0  # fall of chi^2: right effects of 88 logs of the second plant stay below 120, most below 10
 OF_REST = 0.15  # of what the fit leaves above the floor, that a change takes: else it is the rest that has another law
 LARGE = 0.05  # of the effect, at either end of the state: a smaller change may be the model's own error
 
