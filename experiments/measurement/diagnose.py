@@ -62,8 +62,7 @@ def diagnose(logs: Sequence[Log], model: Model, library: Mapping[str, Effect], s
 def diagnose_evidence(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str], None]) -> Diagnosis:
     """The method on logs that are gathered already."""
     selection = _selected(evidence, model, say)
-    standing = any(log.standing for log in evidence)
-    take_out_unsteady(selection, evidence, nominal_freedom(model, evidence[0].atoms.effects, standing), say)
+    take_out_unsteady(selection, evidence, say)
     verdict, effects = decide(evidence, selection)
     before = tuple(misfit(log, selection.ladder[0].fit, i) for i, log in enumerate(evidence))
     after = tuple(misfit(log, selection.fit, i) for i, log in enumerate(evidence))

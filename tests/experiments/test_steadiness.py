@@ -77,6 +77,16 @@ def test_a_drive_s_law_that_goes_with_a_state_is_told_by_that_state(air, effect:
     assert all(0.3 < one.share < 2.0 for one in found)
 
 
+def test_a_change_that_takes_little_of_a_large_rest_accuses_the_rest(air) -> None:
+    """What no effect of the fit explains lends some of itself to any change; LH_HFE's law here is steady enough."""
+    placed = Placed("torque_constant", "LH_HFE", WEAK["torque_constant"])
+    nominal = never_given(nominal_model(), air.atoms.effects)
+    log = with_a_law(air, placed, "time")
+    assert changes_in([log], refit([log], [placed], nominal), nominal)
+    loud = with_a_law(log, Placed("torque_constant", "RF_KFE", {"relative": -0.6}), None)
+    assert changes_in([loud], refit([loud], [placed], nominal), nominal) == []
+
+
 def test_the_noise_of_a_torque_sensor_is_no_change_with_the_load(tmp_path) -> None:
     """Legs in the air bear hardly more than the sensors' noise: a load that had it went with any stiffness."""
     practise("air", [parse_hidden("spring_stiffness change=0.5")], tmp_path / "stiff", duration=3.0)

@@ -1,6 +1,7 @@
-"""States of a motion that a law may depend on, row by row beside the residuals: from -1 to 1 over a log."""
+"""The motion that a law may depend on, row by row beside the residuals, and states of it from -1 to 1 over a log."""
 
 from collections.abc import Iterator, Mapping
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,55 +16,75 @@ ENDS = (1.0, 99.0)  # per cent of the rows between which a state goes from -1 to
 LEAST = 1e-9  # half range below which a state does not change
 
 
-def states_of(log: Evidence | JointEvidence, point: Point) -> Iterator[States]:
-    """The states of each part of a log, in the order of its `local_parts`.
+class JointMotion(NamedTuple):
+    """Of the joints (T, J) on a part's rows: rad, rad/s, N m (m, m/s, N of a prismatic one)."""
 
-    The drives' load is what their replay at a point predicts: the measured one has the noise of the residual itself,
-    which goes with any law that is multiplied by it.
+    position: Array
+    velocity: Array
+    load: Array
+
+    def states(self) -> dict[str, Array]:
+        time = np.broadcast_to(np.arange(len(self.position), dtype=float)[:, None], self.position.shape)
+        states = {"time": time, "position": self.position, "speed": np.abs(self.velocity), "load": np.abs(self.load)}
+        return {name: _unit(state) for name, state in states.items()}
+
+
+def bench_motion(log: JointEvidence) -> JointMotion:
+    """Of a rigid joint, on the rows that are judged."""
+    row = slice(0, log.rows, log.filter.stride)
+    return _motion(*(x[row, None] for x in (log.log.position, log.log.velocity, log.log.effort)))
+
+
+def drive_motion(log: Evidence, point: Point) -> JointMotion:
+    """Of the drives; the velocity is the motor's.
+
+    The load is what their replay at a point predicts, on rows that count: the measured one has the noise of the
+    residual itself, which goes with any law that is multiplied by it.
     """
-    if isinstance(log, JointEvidence):
-        row = slice(0, log.rows, log.filter.stride)
-        motion = (np.asarray(x, float)[row, None] for x in (log.log.position, log.log.velocity, log.log.effort))
-        yield {name: state[:, 0] for name, state in _states(*motion).items()}
-        return
-    if log.drive is not None:
-        d, rows = log.drive.log, slice(0, log.drive.rows)
-        load = d.joint_torque[rows] + _torque_errors(log, point)
-        found = _states(*(np.asarray(x, float) for x in (d.joint_position[rows], d.motor_velocity[rows], load)))
-        yield {name: state[..., None] for name, state in found.items()}
-    if log.body is not None:
-        yield _of_bodies(log)
+    table, rows, c = log.drive.log, slice(0, log.drive.rows), CHANNELS.index("joint_torque")
+    error = log.drive_residual([point])[0][..., c] * log.drive.floor[:, c]
+    return _motion(table.joint_position[rows], table.motor_velocity[rows], table.joint_torque[rows] + error)
 
 
-def _torque_errors(log: Evidence, point: Point) -> Array:
-    """Predicted less measured joint torque (T, J), N m; zero on rows that do not count."""
-    c = CHANNELS.index("joint_torque")
-    return log.drive_residual([point])[0][..., c] * log.drive.floor[:, c]
+def body_rows(log: Evidence) -> Array:
+    """Rows of the log (N,) beside the residuals of the bodies."""
+    return np.minimum(np.round(log.time_of_body() / log.period).astype(int), len(log.body.log.torque) - 1)
 
 
-def _of_bodies(log: Evidence) -> States:
-    """Of the links' channels, by joint; the torso's and the feet's only know the time."""
-    table, names = log.body.log, log.atoms.joint_names
-    at = np.minimum(np.round(log.time_of_body() / log.period).astype(int), len(table.torque) - 1)
+def body_motion(log: Evidence) -> JointMotion:
+    """Of the links' joints, beside the residuals of the bodies."""
+    table, at = log.body.log, body_rows(log)
     robot = hasattr(table, "q")
     position, velocity = (table.q[:, 7:], table.u[:, 6:]) if robot else (table.position, table.velocity)
-    joints = _states(*(np.asarray(x[at], float) for x in (position, velocity, table.torque)))
-    found = {name: np.zeros((len(at), len(log.body.channels))) for name in joints}
+    return _motion(position[at], velocity[at], table.torque[at])
+
+
+def states_of(log: Evidence | JointEvidence, point: Point) -> Iterator[States]:
+    """The states of each part of a log, in the order of its `local_parts`."""
+    if isinstance(log, JointEvidence):
+        yield {name: state[:, 0] for name, state in bench_motion(log).states().items()}
+        return
+    if log.drive is not None:
+        yield {name: state[..., None] for name, state in drive_motion(log, point).states().items()}
+    if log.body is not None:
+        yield _by_channel(log, body_motion(log).states())
+
+
+def _by_channel(log: Evidence, joints: States) -> States:
+    """Of the bodies' channels: each link's by its joint; the torso's and the feet's only know the time."""
+    names = log.atoms.joint_names
+    found = {name: np.zeros((len(state), len(log.body.channels))) for name, state in joints.items()}
+    found["time"] += joints["time"][:, :1]
     for c, channel in enumerate(log.body.channels):
         place = channel.partition("/")[2]
-        for name, state in joints.items():
-            if place in names:
+        if place in names:
+            for name, state in joints.items():
                 found[name][:, c] = state[:, names.index(place)]
-            elif name == "time":
-                found[name][:, c] = state[:, 0]
     return found
 
 
-def _states(position: Array, velocity: Array, load: Array) -> dict[str, Array]:
-    """Of rows (T, J)."""
-    time = np.broadcast_to(np.arange(len(position), dtype=float)[:, None], position.shape)
-    states = {"time": time, "position": position, "speed": np.abs(velocity), "load": np.abs(load)}
-    return {name: _unit(state) for name, state in states.items()}
+def _motion(*tables: Array) -> JointMotion:
+    return JointMotion(*(np.asarray(table, float) for table in tables))
 
 
 def _unit(x: Array) -> Array:

@@ -14,6 +14,7 @@ from experiments.measurement.evidence.blocks import sum_blocks
 from experiments.measurement.evidence.drive_replay import CHANNELS as DRIVE_CHANNELS
 from experiments.measurement.evidence.joint_evidence import JointEvidence
 from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.evidence.states import JointMotion, bench_motion, body_motion, body_rows, drive_motion
 from experiments.measurement.fits.fit_types import Refitted
 
 Array = np.ndarray
@@ -82,10 +83,7 @@ def _correlation(y: Array, x: Array, used: Array, block: Array, blocks: int) -> 
 def _channels(log: Evidence | JointEvidence, point) -> Iterator[tuple[str, Array, Array, Array, dict[str, Array]]]:
     """Each channel: name, rest over noise (N,), rows that count, their blocks, and what it may go with."""
     if isinstance(log, JointEvidence):
-        row = slice(None, None, log.filter.stride)
-        motion = (log.log.position, log.log.velocity, log.log.effort)
-        inputs = _of_joint(*(np.asarray(x[: log.rows][row], float) for x in motion))
-        yield "effort", log.residual([point])[0], log.used, log.block_of_rows(), inputs
+        yield "effort", log.residual([point])[0], log.used, log.block_of_rows(), _of_joint(bench_motion(log), 0)
         return
     if log.drive is not None:
         yield from _drive_channels(log, point)
@@ -95,9 +93,9 @@ def _channels(log: Evidence | JointEvidence, point) -> Iterator[tuple[str, Array
 
 def _drive_channels(log: Evidence, point) -> Iterator[tuple]:
     rest, rows = log.drive_residual([point])[0], slice(0, log.drive.rows)
-    d = log.drive.log
+    d, motion = log.drive.log, drive_motion(log, point)
     for j, joint in enumerate(log.atoms.joint_names):
-        inputs = _of_joint(*(x[rows, j].astype(float) for x in (d.joint_position, d.motor_velocity, d.joint_torque)))
+        inputs = _of_joint(motion, j)
         far = np.where(d.position_mode > 0.5, d.command_position - d.joint_position, d.command_torque - d.joint_torque)
         inputs["distance to the command"] = far[rows, j].astype(float)
         inputs["motor current"] = d.motor_current[rows, j].astype(float)
@@ -108,21 +106,16 @@ def _drive_channels(log: Evidence, point) -> Iterator[tuple]:
 
 def _body_channels(log: Evidence, point) -> Iterator[tuple]:
     rest = log.body_residual([point])[0]
-    at = np.minimum(np.round(log.time_of_body() / log.period).astype(int), len(log.body.log.torque) - 1)
+    motion = body_motion(log)
     for c, channel in enumerate(log.body.channels):
-        signal, _, place = channel.partition("/")
-        inputs = _of_body(log, signal, place, at)
+        place = channel.partition("/")[2]
+        names = log.atoms.joint_names
+        inputs = _of_joint(motion, names.index(place)) if place in names else _of_torso(log)
         yield channel, rest[:, c], log.body.used[:, c], log.block_of_body(), inputs
 
 
-def _of_body(log: Evidence, signal: str, place: str, at: Array) -> dict[str, Array]:
-    table = log.body.log
-    if place in log.atoms.joint_names:
-        j = log.atoms.joint_names.index(place)
-        if not hasattr(table, "q"):
-            motion = (table.position, table.velocity, table.torque)
-            return _of_joint(*(x[at, j].astype(float) for x in motion))
-        return _of_joint(*(x.astype(float) for x in (table.q[at, 7 + j], table.u[at, 6 + j], table.torque[at, j])))
+def _of_torso(log: Evidence) -> dict[str, Array]:
+    table, at = log.body.log, body_rows(log)
     q, u = table.q[at].astype(float), table.u[at].astype(float)
     along = {f"torso's velocity along {axis}": u[:, i] for i, axis in enumerate("xyz")}
     turn = {f"torso's turning rate about {axis}": u[:, 3 + i] for i, axis in enumerate("xyz")}
@@ -131,7 +124,8 @@ def _of_body(log: Evidence, signal: str, place: str, at: Array) -> dict[str, Arr
     return {**along, **turn, **tilt, **push, "torso's height": q[:, 2], "time": np.arange(len(at), dtype=float)}
 
 
-def _of_joint(position: Array, velocity: Array, load: Array) -> dict[str, Array]:
+def _of_joint(motion: JointMotion, j: int) -> dict[str, Array]:
+    position, velocity, load = (x[:, j] for x in motion)
     still = STILL * np.abs(velocity).max(initial=0.0)
     return {
         "joint position": position,

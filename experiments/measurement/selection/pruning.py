@@ -1,12 +1,9 @@
 """What selection takes back: effects that are needless, that no fit tells from none, or that are not steady."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-
-import numpy as np
 
 from experiments.measurement.evidence.log_evidence import Evidence
-from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
+from experiments.measurement.fits.fit_types import Placed
 from experiments.measurement.fits.refit import SHORT_FIT, refit
 from experiments.measurement.selection.belief import all_blocks, chi2_on, halves, proven, told_from_none
 from experiments.measurement.selection.ladder import Rung, Selection
@@ -63,26 +60,12 @@ def take_out_unsure(selection: Selection) -> None:
             return
 
 
-def take_out_unsteady(
-    selection: Selection, logs: Sequence[Evidence], freedom: Sequence[Nominal], say: Callable[[str], None]
-) -> None:
-    """Take out effects whose law would have to change along the log: what they explain has another one.
-
-    freedom: nominal numbers that may be off, though the selection took them as they stand: an effect that makes up for
-    one of them is not unsteady.
-    """
+def take_out_unsteady(selection: Selection, logs: Sequence[Evidence], say: Callable[[str], None]) -> None:
+    """Take out effects whose law would have to change along the log: what they explain has another one."""
     train, _ = halves(logs)
-    while changes := changes_in(logs, *_free(selection, freedom)):
+    while changes := changes_in(logs, selection.fit, selection.nominal):
         clearest = changes[0]
         say(clearest.in_words())
         k = [placed[:2] for placed in selection.fit.effects].index((clearest.effect, clearest.where))
         selection.unsteady.append(clearest)
         _taken_out(selection, k, logs, train)
-
-
-def _free(selection: Selection, freedom: Sequence[Nominal]) -> tuple[Refitted, tuple[Nominal, ...]]:
-    """A selection's fit with further nominal numbers that it has not moved."""
-    known = {n[:3] for n in selection.nominal}
-    more = [n for n in freedom if n[:3] not in known]
-    fit = replace(selection.fit, nominal=np.concatenate([selection.fit.nominal, np.zeros(len(more))]))
-    return fit, (*selection.nominal, *more)
