@@ -16,7 +16,6 @@ from experiments.effects.places import mask
 from experiments.measurement.diagnose import diagnose_evidence
 from experiments.measurement.evidence.features import changes_of
 from experiments.measurement.evidence.gather import gather
-from experiments.measurement.evidence.joint_evidence import JointEvidence
 from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Placed
 from experiments.measurement.fits.nominal import nominal_freedom
@@ -56,7 +55,7 @@ def answers(
     return found
 
 
-def parameters(log: Evidence | JointEvidence, model: Model) -> Answer:
+def parameters(log: Evidence, model: Model) -> Answer:
     """Nominal numbers only."""
     nominal = nominal_freedom(model, log.atoms.effects, log.standing)
     fit = refit([log], (), nominal)
@@ -65,7 +64,7 @@ def parameters(log: Evidence | JointEvidence, model: Model) -> Answer:
     return _answer([(n.effect, n.where) for n in named])
 
 
-def best_single(log: Evidence | JointEvidence) -> Answer:
+def best_single(log: Evidence) -> Answer:
     """The single effect that fits the whole log best, with no proof."""
     fit = refit([log], (), (), iterations=3)
     changes, variants = changes_of(log.atoms.effects, [log], fit.points)
@@ -77,7 +76,7 @@ def best_single(log: Evidence | JointEvidence) -> Answer:
     return _answer([(p.effect, p.where) for p in best.effects])
 
 
-def sparse(log: Evidence | JointEvidence) -> Answer:
+def sparse(log: Evidence) -> Answer:
     """Thresholded least squares on the features of all effects at all places."""
     fit = refit([log], (), (), iterations=3)
     changes, variants = changes_of(log.atoms.effects, [log], fit.points)

@@ -6,7 +6,6 @@ from typing import Any
 
 from experiments.effects.effect import Effect
 from experiments.measurement.evidence.gather import gather
-from experiments.measurement.evidence.joint_evidence import JointEvidence
 from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Placed
 from experiments.measurement.fits.misfit import Misfit, above_floor, excess, misfit
@@ -89,7 +88,7 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
             return strict
         return select(evidence, given, say, 1, promising=LEAST_STEP, begun=strict.ladder[0])
     freedom = (*given, *(n for n in freedom if n not in given))
-    if all(isinstance(log, JointEvidence) for log in evidence):  # where a gain is all of the numbers in one
+    if all(log.rigid for log in evidence):  # where a gain is all of the numbers in one
         numbers = select(evidence, freedom, say, most=0)
         if excess(evidence, numbers.fit) <= WELL_EXPLAINED:
             return numbers

@@ -1,9 +1,9 @@
-"""Pictures of a rigid joint's log: effort measured and modelled, what is left over speed, and its spectrum."""
+"""Pictures of a rigid joint's log: effort measured and modelled, and what is left over speed."""
 
 import numpy as np
 
+from experiments.measurement.diagnose import Diagnosis
 from experiments.measurement.evidence.joint_evidence import JointEvidence
-from experiments.measurement.selection.ladder import Rung
 from experiments.reports.figures import line, new_figure
 from experiments.reports.page import Block, Figure
 
@@ -11,8 +11,9 @@ COLOURS = ("#7a7a7a", "#c2571a", "#2a6f97")
 SHOWN = 1500  # judged rows in the course of the effort
 
 
-def bench_signals(log: JointEvidence, index: int, first: Rung, last: Rung) -> list[Block]:
+def bench_signals(found: Diagnosis, index: int, log: JointEvidence) -> list[Block]:
     """The effort over time and the residual over speed, with the nominal and the last model."""
+    first, last = found.selection.ladder[0], found.selection.ladder[-1]
     effort, speed = log.measured(), log.filter.thinned(log.log.velocity[None])[0]
     left = [log.filter.thinned(log.predict([rung.fit.points[index]]))[0] for rung in (first, last)]
     rows = slice(0, min(SHOWN, len(effort)))
@@ -35,22 +36,6 @@ def bench_signals(log: JointEvidence, index: int, first: Rung, last: Rung) -> li
         ),
         Figure(over_speed, f"{log.name}: what is left of the effort over the joint's speed."),
     ]
-
-
-def bench_spectrum(log: JointEvidence, index: int, rungs: tuple[Rung, ...]) -> list[Block]:
-    """Power of the residual over frequency, in units of the floor."""
-    figure = new_figure(height=320)
-    for rung, colour in zip(rungs, COLOURS[1:]):
-        r = log.residual([rung.fit.points[index]])[0]
-        power = np.abs(np.fft.rfft(r)) ** 2 / len(r)
-        frequency = np.fft.rfftfreq(len(r), log.filter.stride * log.period)
-        bins = np.geomspace(max(frequency[1], 0.05), frequency[-1], 50)
-        place = np.digitize(frequency, bins)
-        mean = [power[place == b].mean() if (place == b).any() else np.nan for b in range(1, len(bins))]
-        figure.add_trace(line(bins[:-1], np.array(mean), rung.name, colour))
-    figure.update_xaxes(type="log", title="Hz")
-    figure.update_yaxes(type="log", title="residual power, 1 = floor")
-    return [Figure(figure, f"{log.name}: spectrum of what is left of the effort.")]
 
 
 def _dots(x: np.ndarray, y: np.ndarray, name: str, colour: str) -> dict:

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from experiments.measurement.compare import REGIMES, Comparison
+from experiments.measurement.compare import Comparison
 from experiments.measurement.evidence.drive_replay import CHANNELS as DRIVE_CHANNELS
+from experiments.measurement.regimes import REGIMES
 from experiments.reports.figures import new_figure
 from experiments.reports.page import Block, Card, Cards, Columns, Figure, Section, Table, Text, write_report
 
@@ -40,7 +41,7 @@ def maps(found: Comparison, label: str) -> list[Block]:
     caption = f"Residual over noise by joint and regime, {label}. Empty: no such moment in the log."
     blocks: list[Block] = [Figure(heat(found.regimes, REGIMES, joints), caption)]
     if found.misfit.drive is not None:
-        by_channel = heat(found.misfit.drive.T, DRIVE_CHANNELS, joints)
+        by_channel = heat(found.misfit.drive, DRIVE_CHANNELS, joints)
         blocks.append(Figure(by_channel, f"The same by joint and channel of the drives, {label}."))
     return blocks
 

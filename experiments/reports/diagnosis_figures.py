@@ -3,21 +3,22 @@
 import numpy as np
 import plotly.graph_objects as go
 
-from experiments.measurement.compare import REGIMES, regimes
 from experiments.measurement.diagnose import Diagnosis
 from experiments.measurement.evidence.drive_replay import CHANNELS as DRIVE_CHANNELS
-from experiments.measurement.evidence.joint_evidence import JointEvidence
 from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.evidence.robot_evidence import RobotEvidence
+from experiments.measurement.fits.misfit import Misfit
 from experiments.measurement.logs.log import SIGNALS
+from experiments.measurement.regimes import REGIMES, regimes
 from experiments.measurement.selection.verdict import held_out_error
-from experiments.reports.bench_figures import bench_signals, bench_spectrum
+from experiments.reports.bench_figures import bench_signals
 from experiments.reports.comparison import heat
 from experiments.reports.figures import BLUE, GREY, ORANGE, line, new_figure
 from experiments.reports.page import Block, Columns, Figure, Table
 
 SHOWN = 1200  # samples of a signal in a figure
 BINS = 60  # of a spectrum
-LOWEST = 0.3  # Hz
+LOWEST = 0.05  # Hz
 WIDE = 8.0  # ratio of errors from which the ladder's axis is logarithmic
 BEFORE, AFTER = "nominal model", "with the effects"
 
@@ -56,7 +57,7 @@ def maps(found: Diagnosis) -> list[Block]:
             if by_regime is not None:
                 column.append(Figure(heat(by_regime, REGIMES, joints), f"{log.name}, {label}: residual over noise."))
             if misfit.drive is not None:
-                by_channel = heat(misfit.drive.T, DRIVE_CHANNELS, joints)
+                by_channel = heat(misfit.drive, DRIVE_CHANNELS, joints)
                 column.append(Figure(by_channel, f"{log.name}, {label}: the drives' channels."))
             columns.append(column)
         if any(columns):
@@ -65,14 +66,13 @@ def maps(found: Diagnosis) -> list[Block]:
     return blocks
 
 
-def _rest(log: Evidence | JointEvidence, before, after) -> list[Block]:
+def _rest(log: Evidence, before: Misfit, after: Misfit) -> list[Block]:
     """Channels that belong to no drive."""
     rows = []
-    if before.effort is not None:
-        rows = [("effort", before.worst, after.worst)]
-    elif log.body is not None:
-        pairs = zip(log.body.channels, before.body, after.body, strict=True)
-        rows = [(name, b, a) for name, b, a in pairs if np.isfinite(b)]
+    for part in log.parts:
+        if part.name != "drive":
+            sizes = (misfit.of(part).ravel() for misfit in (before, after))
+            rows += [(name, b, a) for name, b, a in zip(part.channels.ravel(), *sizes, strict=True) if np.isfinite(b)]
     if not rows:
         return []
     header = ("channel of bodies and contact", BEFORE, AFTER)
@@ -82,21 +82,18 @@ def _rest(log: Evidence | JointEvidence, before, after) -> list[Block]:
 
 def signals(found: Diagnosis) -> list[Block]:
     """Of each part of the plant, the channel that the nominal model misses most, before and after."""
-    blocks: list[Block] = []
-    steps = found.selection.ladder
-    for i, log in enumerate(found.logs):
-        if isinstance(log, JointEvidence):
-            blocks += bench_signals(log, i, steps[0], steps[-1])
-            continue
-        if log.drive is not None:
-            blocks.append(_drive_signal(found, i, log))
-        if log.body is not None and np.isfinite(found.before[i].body).any():
-            blocks.append(_body_signal(found, i, log))
-    return blocks
+    shown = {"drive": _drive_signal, "body": _body_signal, "effort": bench_signals}
+    return [
+        block
+        for i, log in enumerate(found.logs)
+        for part in log.parts
+        if np.isfinite(found.before[i].of(part)).any()
+        for block in shown[part.name](found, i, log)
+    ]
 
 
-def _drive_signal(found: Diagnosis, i: int, log: Evidence) -> Block:
-    c, j = np.unravel_index(np.argmax(found.before[i].drive), found.before[i].drive.shape)
+def _drive_signal(found: Diagnosis, i: int, log: RobotEvidence) -> list[Block]:
+    j, c = np.unravel_index(np.nanargmax(found.before[i].drive), found.before[i].drive.shape)
     rows = slice(0, min(SHOWN, log.drive.rows))
     time = np.arange(log.drive.rows)[rows] * log.period
     figure = new_figure(height=360)
@@ -108,10 +105,10 @@ def _drive_signal(found: Diagnosis, i: int, log: Evidence) -> Block:
     figure.update_xaxes(title="s")
     figure.update_yaxes(title=SIGNALS[DRIVE_CHANNELS[c]].unit)
     name = f"{DRIVE_CHANNELS[c]} of {log.atoms.joint_names[j]}"
-    return Figure(figure, f"{log.name}: {name}, the drives' channel that the nominal model misses most.", True)
+    return [Figure(figure, f"{log.name}: {name}, the drives' channel that the nominal model misses most.", True)]
 
 
-def _body_signal(found: Diagnosis, i: int, log: Evidence) -> Block:
+def _body_signal(found: Diagnosis, i: int, log: RobotEvidence) -> list[Block]:
     c = int(np.nanargmax(found.before[i].body))
     figure = new_figure(height=320)
     time = log.time_of_body()
@@ -121,24 +118,23 @@ def _body_signal(found: Diagnosis, i: int, log: Evidence) -> Block:
     figure.update_xaxes(title="s")
     figure.update_yaxes(title="left over, in noise deviations")
     caption = f"{log.name}: {log.body.channels[c]}, what the equations of motion leave of it where it is measured."
-    return Figure(figure, caption, True)
+    return [Figure(figure, caption, True)]
 
 
 def spectra(found: Diagnosis) -> list[Block]:
-    """Residual power over frequency, before and after; noise alone is at 1."""
+    """Residual power over frequency, before and after; noise alone is at 1. The bodies' residuals are smoothed."""
     blocks: list[Block] = []
-    steps = found.selection.ladder
-    shown = (steps[0], steps[-1]) if len(steps) > 1 else tuple(steps[:1])
     for i, log in enumerate(found.logs):
-        if isinstance(log, JointEvidence):
-            blocks += bench_spectrum(log, i, shown)
-        elif log.drive is not None:
-            figure = new_figure(height=320)
-            for name, fit, colour in _fits(found):
-                figure.add_trace(_spectrum(log.drive_residual([fit.points[i]])[0], log.period, name, colour))
-            figure.update_xaxes(type="log", dtick=1, title="Hz")
-            figure.update_yaxes(type="log", dtick=1, title="residual power, 1 = noise")
-            blocks.append(Figure(figure, f"{log.name}: spectrum of the drives' residuals; white noise lies at 1."))
+        motion = log.measured_motion()
+        if motion is None:
+            continue
+        figure = new_figure(height=320)
+        for name, fit, colour in _fits(found):
+            rest, *_ = log.rests(fit.points[i])
+            figure.add_trace(_spectrum(rest.residual, motion.period, name, colour))
+        figure.update_xaxes(type="log", dtick=1, title="Hz")
+        figure.update_yaxes(type="log", dtick=1, title="residual power, 1 = noise")
+        blocks.append(Figure(figure, f"{log.name}: spectrum of the {rest.part.name} residuals; white noise lies at 1."))
     return blocks
 
 

@@ -15,8 +15,9 @@ from experiments.independent_plant.logs import write_log
 from experiments.independent_plant.runner import Case
 from experiments.independent_plant.sensors import SensorSettings
 from experiments.measurement.compare import compare, whiteness
-from experiments.measurement.evidence.body_evidence import correlation_rows, knocked
+from experiments.measurement.evidence.body_evidence import correlation_rows
 from experiments.measurement.evidence.body_replay import DECIMATION, BodyLog, filter_window
+from experiments.measurement.evidence.body_rows import knocked
 from experiments.measurement.evidence.drive_evidence import rows_that_count
 from experiments.measurement.evidence.drive_log import DriveLog
 from experiments.measurement.evidence.gather import gather

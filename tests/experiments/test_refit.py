@@ -5,7 +5,8 @@ import pytest
 
 from experiments.effects import LIBRARY
 from experiments.measurement.evidence.atoms import Atoms
-from experiments.measurement.evidence.log_evidence import Evidence, Point
+from experiments.measurement.evidence.log_evidence import Point
+from experiments.measurement.evidence.robot_evidence import RobotEvidence
 from experiments.measurement.fits.fit_types import Nominal, Placed
 from experiments.measurement.fits.misfit import misfit
 from experiments.measurement.fits.refit import BLOWN_UP, refit, refit_effects
@@ -94,7 +95,7 @@ class Pushed:
 
 @pytest.mark.parametrize("constant", [0.5, 2.0, -10.0])
 def test_a_constant_error_costs_what_it_is_unlikely_for_the_model(constant: float) -> None:
-    log = Evidence("log", Formula.atoms, None, Pushed(constant), BLOCKS, 0.0025, np.zeros(1))
+    log = RobotEvidence("log", Formula.atoms, None, Pushed(constant), BLOCKS, 0.0025, np.zeros(1))
     fit = refit([log], (), ())
     assert fit.total == pytest.approx((constant / 0.5) ** 2, rel=0.05)  # of 200 rows: else 200 constant^2
     assert misfit(log, fit, 0).worst == pytest.approx(abs(constant / 0.5) / np.sqrt(200), rel=0.05)

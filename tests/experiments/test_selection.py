@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from experiments.effects import LIBRARY
-from experiments.measurement.evidence.body_evidence import enough
+from experiments.measurement.evidence.body_evidence import FELT_BY_BODIES, FEWEST
+from experiments.measurement.evidence.drive_evidence import FELT_BY_DRIVES
+from experiments.measurement.evidence.parts import Part, Rest, enough
 from experiments.measurement.fits.fit_types import Placed, Refitted
 from experiments.measurement.fits.refit import _plausible
 from experiments.measurement.selection import finalists
@@ -59,6 +61,12 @@ def test_a_weak_effect_is_not_given_up_for_a_simpler_one_because_the_noise_was_t
     assert simplest([load, links], 63800.0, 53300.0, JOINT_NAMES)[0].scored.effect.name == "payload"
 
 
+def drives(share: float) -> Part:
+    """Twelve drives on 100 rows of one block, each row worth a share of one."""
+    used, joint = np.full((100, 12, 3), share), np.arange(12)[:, None]
+    return Part("drive", np.full((12, 3), "a channel"), joint, used, np.zeros(100, int), FELT_BY_DRIVES)
+
+
 @pytest.mark.parametrize(
     ("name", "where", "gain", "tried"),
     [
@@ -72,10 +80,9 @@ def test_a_weak_effect_is_not_given_up_for_a_simpler_one_because_the_noise_was_t
 def test_a_score_is_held_against_the_noise_of_the_parts_where_it_acts(
     name: str, where: str, gain: float, tried: bool
 ) -> None:
-    drive = SimpleNamespace(used=np.full((100, 12, 3), 12000 / 3600))
-    body = SimpleNamespace(used=np.ones((100, 10)), tau=np.ones(10))
-    log = SimpleNamespace(blocks=1, drive=drive, body=body, atoms=SimpleNamespace(joint_names=JOINT_NAMES))
-    log.block_of_drive = log.block_of_body = lambda: np.zeros(100, int)
+    body = replace(drives(0.0), name="body", used=np.ones((100, 10)), felt=FELT_BY_BODIES, coupled=True)
+    parts = (drives(12000 / 3600), body)
+    log = SimpleNamespace(blocks=1, parts=parts, atoms=SimpleNamespace(joint_names=JOINT_NAMES))
     assert stands_out([Scored(LIBRARY[name], where, gain, {}, None)], [log]) == tried
 
 
@@ -113,12 +120,11 @@ def test_what_nothing_explains_at_some_joints_does_not_hide_the_others() -> None
 
 def one_loud_joint() -> tuple[SimpleNamespace, Refitted]:
     """A log whose 300 residuals at LF_HFE are 4500 above their noise together, and its fit without an effect."""
-    residual = np.ones((1, 100, 12, 3))
-    residual[:, :, JOINT_NAMES.index("LF_HFE")] = 4.0
-    log = SimpleNamespace(blocks=1, body=None, atoms=SimpleNamespace(joint_names=JOINT_NAMES))
-    log.drive = SimpleNamespace(used=np.ones((100, 12, 3)))
-    log.block_of_drive = lambda: np.zeros(100, int)
-    log.drive_residual = lambda points: residual
+    residual = np.ones((100, 12, 3))
+    residual[:, JOINT_NAMES.index("LF_HFE")] = 4.0
+    rest = Rest(drives(1.0), residual, np.zeros((1, 1, 1)))
+    log = SimpleNamespace(blocks=1, parts=(rest.part,), atoms=SimpleNamespace(joint_names=JOINT_NAMES))
+    log.rests = lambda point: (rest,)
     log.weight = lambda: np.array([3600.0])
     return log, Refitted((), np.zeros(0), np.zeros(0), (None,), (np.array([8100.0]),), np.zeros((0, 0)))
 
@@ -227,8 +233,8 @@ def test_what_is_far_above_all_others_is_tried_whatever_its_score_promises(score
 
 def test_feet_that_slide_for_a_few_rows_each_count_together() -> None:
     channels = ("torso_force/x", "link_torque/LF_HAA", "friction/LF", "friction/RF", "friction/LH")
-    assert enough(channels, np.array([500, 19, 13, 8, 0])).tolist() == [True, False, True, True, False]
-    assert not enough(channels, np.array([500, 19, 13, 6, 0]))[2:].any()
+    assert enough(channels, np.array([500, 19, 13, 8, 0]), FEWEST).tolist() == [True, False, True, True, False]
+    assert not enough(channels, np.array([500, 19, 13, 6, 0]), FEWEST)[2:].any()
 
 
 @pytest.mark.parametrize(
@@ -239,7 +245,7 @@ def test_a_loud_rest_that_is_no_small_share_has_another_law(monkeypatch, left, s
     monkeypatch.setattr(verdicts, "worst", lambda logs, fit: left)
     monkeypatch.setattr(verdicts, "unexplained", lambda logs, selection: share)
     fit = SimpleNamespace(effects=(Placed("torque_constant", "RF_HFE", {"relative": -0.3}),))
-    assert verdicts.decide([None], SimpleNamespace(fit=fit, ties=[[]], ladder=[]))[0] == verdict
+    assert verdicts.decide([SimpleNamespace(rigid=False)], SimpleNamespace(fit=fit, ties=[[]], ladder=[]))[0] == verdict
 
 
 @pytest.mark.parametrize(

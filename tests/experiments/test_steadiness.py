@@ -12,7 +12,7 @@ from experiments.independent_plant.practice import parse_hidden, practise
 from experiments.measurement.checks.check import check
 from experiments.measurement.diagnose import diagnose
 from experiments.measurement.evidence.gather import gather, model_for
-from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.evidence.robot_evidence import RobotEvidence
 from experiments.measurement.evidence.states import states_of
 from experiments.measurement.fits.fit_types import Placed
 from experiments.measurement.fits.nominal import never_given
@@ -48,20 +48,20 @@ def test_friction_that_fades_while_the_joint_runs_has_no_name(share: float, verd
 
 
 @pytest.fixture(scope="module")
-def air() -> Evidence:
+def air() -> RobotEvidence:
     log = read_log(AIR)
     model = nominal_model()
     return gather(log, model_for(log, model), LIBRARY, noise_of(log))
 
 
-def with_a_law(air: Evidence, placed: Placed, state: str | None) -> Evidence:
+def with_a_law(air: RobotEvidence, placed: Placed, state: str | None) -> RobotEvidence:
     """A log whose drives have an effect that grows from nothing to twice its strength with a state."""
     start = air.start()
     there = start._replace(x=air.atoms.placed(start.x, [placed]))
     without, with_it = air.drive.predict(np.stack([start.x, there.x]), np.zeros((2, 12)))
     size = 1.0 if state is None else 1.0 + next(iter(states_of(air, air.start())))[state]
     drive = replace(air.drive, measured=air.drive.measured + size * (with_it - without))
-    return replace(air, drive=drive, drives_known=type(air.drives_known)())
+    return replace(air, drive=drive)
 
 
 @pytest.mark.parametrize(

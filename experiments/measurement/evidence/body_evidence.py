@@ -1,39 +1,33 @@
 """What a log says about bodies, contact and joint sensors: inverse-dynamics residuals and the noise they carry."""
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from experiments.measurement.evidence.atoms import Atoms
 from experiments.measurement.evidence.body_replay import (
-    DECIMATION,
     BodyLog,
     BodyReplay,
     BodyResidual,
     body_log,
     body_replay,
-    filter_window,
-    settled,
     thinned,
 )
+from experiments.measurement.evidence.body_rows import around, hits, rows_sliding, rows_used
 from experiments.measurement.evidence.calm_log import calm_log
-from experiments.measurement.evidence.drive_evidence import IMPACT, replay_devices
+from experiments.measurement.evidence.drive_evidence import replay_devices
+from experiments.measurement.evidence.row_motion import RowMotion, row_motion
 from experiments.measurement.logs.log import Log
 from mjx_starleth.names import JOINT_NAMES, LEGS
 from mjx_starleth.numbers import RobotNumbers
 
 FELT_BY_BODIES = frozenset("body_parameters measurement measured_motion replay_timing joint_drag torso_force".split())
 FLOOR_DRAWS = 3
-# m/s, and times its velocity's noise, above which a foot slides: what is slower may be the creep of a landing foot
-SLIDING, SLIDING_NOISE = 0.15, 5.0
-PRESSED = 15.0  # N on a foot, below which the share that friction takes is mostly noise
-NEAR_STOP = 0.01  # rad from the end of a joint within which it may touch it
 FEWEST = 20  # rows of a channel that tell its size
 PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
 
@@ -75,6 +69,22 @@ class BodyEvidence:
         """What the best model of a real robot may be wrong by all the time in each channel (26,)."""
         return np.array([NO_CONSTANT if kind == "friction" else MODEL_ERROR[kind] for kind in KIND])
 
+    def motion(self, rows: np.ndarray) -> RowMotion:
+        """Of the legs' joints, as measured on these rows (N,) of the log."""
+        return row_motion(self.log.q[rows, 7:], self.log.u[rows, 6:], self.log.torque[rows])
+
+    def torso_inputs(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """What a rest at the torso or the feet may go with, in words, on these rows of the log: (N,) each."""
+        q, u, push = (x[rows].astype(float) for x in (self.log.q, self.log.u, self.log.du))
+        return {
+            **{f"torso's velocity along {axis}": u[:, i] for i, axis in enumerate("xyz")},
+            **{f"torso's turning rate about {axis}": u[:, 3 + i] for i, axis in enumerate("xyz")},
+            **{f"torso's tilt about {axis}": 2.0 * q[:, 4 + i] for i, axis in enumerate("xy")},
+            **{f"torso's acceleration along {axis}": push[:, i] for i, axis in enumerate("xyz")},
+            "torso's height": q[:, 2],
+            "time": np.arange(len(rows), dtype=float),
+        }
+
     def predict(self, xs: np.ndarray) -> np.ndarray:
         """Residuals (H, N, 26) in physical units for atom vectors (H, n).
 
@@ -99,8 +109,8 @@ def body_evidence(atoms: Atoms, numbers: RobotNumbers, log: Log, noise: Mapping[
     draws = [_noisy(rng, rows, noise, period, clamped) for _ in range(FLOOR_DRAWS)]
     noisy = [residual_rows(replay, atoms, one, off)[0] for one in draws]
     stops = np.asarray(replay.bodies.params.joint_stop)
-    sliding = _sliding(rows, raw, noisy[0] - raw) & ~hits(rows, period, stops)
-    used = _used(rows, sliding, period, clamped, stops)
+    sliding = rows_sliding(rows, raw, noisy[0] - raw) & ~hits(rows, period, stops)
+    used = rows_used(rows, sliding, period, clamped, stops)
     clean = _kept(raw, sliding, period)
     error = np.stack([_kept(one, sliding, period) - clean for one in noisy])
     calm = _unless(sliding.any(1), rows, calm_log(rows, period, noise))  # a slide may be over in a few rows
@@ -135,17 +145,10 @@ def residuals(
 def _kept(rows: np.ndarray, sliding: np.ndarray, period: float) -> np.ndarray:
     """Of residuals on raw rows (T, 34), what is judged (N, 26): smoothed, but friction where a foot slides."""
     smooth = thinned(rows[:, :SMOOTHED], period)
-    around = _around(len(rows), period)
-    use, slides = rows[around][:, :, SMOOTHED : len(CHANNELS)], sliding[around]
+    beside = around(len(rows), period)
+    use, slides = rows[beside][:, :, SMOOTHED : len(CHANNELS)], sliding[beside]
     friction = (use * slides).sum(1) / np.maximum(slides.sum(1), 1)
     return np.concatenate([smooth, friction], 1)
-
-
-def _around(rows: int, period: float) -> np.ndarray:
-    """Rows (N, DECIMATION) that each row of `thinned` stands for."""
-    half = filter_window(period) // 2
-    around = np.arange(half, rows - half, DECIMATION)[:, None] + np.arange(DECIMATION) - DECIMATION // 2
-    return np.clip(around, 0, rows - 1)
 
 
 def residual_rows(replay: BodyReplay, atoms: Atoms, log: BodyLog, xs: np.ndarray) -> np.ndarray:
@@ -168,46 +171,9 @@ def _channels(r: BodyResidual) -> jax.Array:
     return jnp.concatenate([r.torso, r.joints, r.gap, r.friction, normal, r.slip_velocity], 1)
 
 
-def _sliding(log: BodyLog, raw: np.ndarray, error: np.ndarray) -> np.ndarray:
-    """(T, 4) True where a foot, on the ground in the rows beside as well, slides; error: what noise does to raw."""
-    on = minimum_filter1d(log.contact, 3, axis=0) > 0.5
-    normal, slip = raw[:, -8:-4], raw[:, -4:]
-    noise = np.sqrt((error[:, -4:] ** 2 * on).sum(0) / np.maximum(on.sum(0), 1))
-    return on & (slip > np.maximum(SLIDING, SLIDING_NOISE * noise)) & (normal > PRESSED)
-
-
 def _unless(here: np.ndarray, log: BodyLog, other: BodyLog) -> BodyLog:
     """The rows of a log that are `here` (T,), the other rows of another."""
     return BodyLog(*(np.where(here[:, None], own, its) for own, its in zip(log, other, strict=True)))
-
-
-def _used(log: BodyLog, sliding: np.ndarray, period: float, clamped: bool, stops: np.ndarray) -> np.ndarray:
-    """Which residuals mean something on which row, (N, 26); stops (12, 2): the joints' ends, rad."""
-    quiet = settled(log.contact, period)
-    share = thinned(log.contact, period)
-    n, known = len(quiet), ~knocked(log, period, stops)
-    if clamped:
-        return np.concatenate([np.zeros((n, 6)), np.repeat(known, 3, 1), np.zeros((n, 8))], 1)
-    on = quiet & (share > 0.5)
-    flying = quiet & (share < 0.5) & known
-    torso = np.repeat((quiet & known).all(1, keepdims=True), 6, 1)
-    slides = sliding[_around(len(sliding), period)].any(1)
-    return np.concatenate([torso, np.repeat(flying, 3, 1), on, slides], 1).astype(float)
-
-
-def knocked(log: BodyLog, period: float, stops: np.ndarray) -> np.ndarray:
-    """(N, 4) True where, within the filter's reach, a leg is at an end of its joints, which pushes as nobody knows, or
-    hits something so hard that no row tells how it moved."""
-    window = filter_window(period)
-    near = maximum_filter1d(hits(log, period, stops), window, axis=0)
-    return near[window // 2 : len(near) - window // 2 : DECIMATION]
-
-
-def hits(log: BodyLog, period: float, stops: np.ndarray) -> np.ndarray:
-    """(T, 4) True where a leg is at an end of its joints or hits something."""
-    q, turned = log.q[:, 7:], np.abs(np.diff(log.u[:, 6:], axis=0, append=log.u[-1:, 6:]))
-    at_end = (q < stops[:, 0] + NEAR_STOP) | (q > stops[:, 1] - NEAR_STOP)
-    return (at_end | (turned > IMPACT * period)).reshape(-1, 4, 3).any(2)
 
 
 def roughness(rows: np.ndarray, used: np.ndarray) -> np.ndarray:
@@ -243,10 +209,3 @@ def correlation_rows(error: np.ndarray, block: int = 40) -> np.ndarray:
     means = error[:, :n].reshape(error.shape[0], -1, block, error.shape[2]).mean(2)
     single = (error**2).mean((0, 1))
     return np.maximum(1.0, block * (means**2).mean((0, 1)) / np.maximum(single, 1e-30))
-
-
-def enough(channels: Sequence[str], count: np.ndarray) -> np.ndarray:
-    """Which channels have rows enough (C,) to tell their size; the feet slide on one ground and count together."""
-    feet = np.array([name.startswith("friction/") for name in channels])
-    together = np.where(feet, (count * feet).sum(), count)
-    return (together >= FEWEST) & (count > 0)

@@ -86,6 +86,19 @@ def _shapes_and_sizes(
             yield shape, size
 
 
+def changed(atoms: Atoms, x: np.ndarray, change: Change, place: int | None = None) -> np.ndarray:
+    """x with a change added: strengths move by it, shapes are set, at every place of its axis or at one."""
+    x = x.copy()
+    values = change.values()
+    for column in atoms.of(change.effect.name):
+        if column.parameter.name in values:
+            here = slice(column.start, column.start + column.size)
+            here = here if place is None else column.start + place
+            moved = x[here] + values[column.parameter.name]
+            x[here] = moved if column.parameter.name == change.strength else values[column.parameter.name]
+    return x
+
+
 @dataclass(frozen=True, eq=False)
 class Products:
     """Inner products of columns per block: of features (by change and place), of nuisances and of the residual.

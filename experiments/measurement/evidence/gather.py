@@ -9,14 +9,16 @@ from experiments.effects.link import BEARING_FRICTION
 from experiments.errors import UserError
 from experiments.measurement.evidence.atoms import Atoms
 from experiments.measurement.evidence.blocks import BLOCK
-from experiments.measurement.evidence.body_evidence import body_evidence, enough
+from experiments.measurement.evidence.body_evidence import FEWEST, body_evidence
 from experiments.measurement.evidence.body_replay import shows_bodies
 from experiments.measurement.evidence.drive_evidence import drive_evidence
 from experiments.measurement.evidence.drive_log import drive_log, has_drives
 from experiments.measurement.evidence.drive_of_bench import drive_of
-from experiments.measurement.evidence.joint_evidence import JointEvidence, joint_evidence
+from experiments.measurement.evidence.joint_of_bench import joint_evidence
 from experiments.measurement.evidence.load_evidence import load_evidence
 from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.evidence.parts import enough
+from experiments.measurement.evidence.robot_evidence import RobotEvidence
 from experiments.measurement.logs.log import BenchJoint, Log
 from experiments.model import JointNumbers, Model
 from mjx_starleth.numbers import load_numbers
@@ -52,9 +54,7 @@ def library_for(model: Model, library: Mapping[str, Effect]) -> dict[str, Effect
     return dict(library) | {GRAVITY_LOAD.name: GRAVITY_LOAD}
 
 
-def gather(
-    log: Log, model: Model, effects: Mapping[str, Effect], noise: Mapping[str, float]
-) -> Evidence | JointEvidence:
+def gather(log: Log, model: Model, effects: Mapping[str, Effect], noise: Mapping[str, float]) -> Evidence:
     """Everything that a log says; the model's own effects are among `effects`. Raises UserError."""
     if log.robot == "joint" and (model.joint is None or model.joint.drive == "rigid"):
         return joint_evidence(log, model, effects, noise)
@@ -92,8 +92,8 @@ def _elastic_joint(log: Log, model: Model, effects: Mapping[str, Effect], noise:
 
 def _evidence(log: Log, model: Model, atoms: Atoms, drive, body) -> Evidence:
     tells = drive is not None and drive.used.any()
-    if not tells and (body is None or not enough(body.channels, body.used.sum(0)).any()):
+    if not tells and (body is None or not enough(body.channels, body.used.sum(0), FEWEST).any()):
         raise UserError(f"{log.name}: no channel has rows enough to be judged; record a longer or calmer motion.")
     blocks = max(int(log.rows * log.sample_period / BLOCK), 1)
     x = atoms.placed(atoms.off(), model.effects)
-    return Evidence(log.name, atoms, drive, body, blocks, log.sample_period, x)
+    return RobotEvidence(log.name, atoms, drive, body, blocks, log.sample_period, x)

@@ -21,6 +21,7 @@ from experiments.measurement.evidence.behind_sensors import behind_sensors
 from experiments.measurement.evidence.body_evidence import FLOOR_DRAWS, MODEL_ERROR, correlation_rows, roughness
 from experiments.measurement.evidence.body_replay import thinned
 from experiments.measurement.evidence.drive_log import DriveLog
+from experiments.measurement.evidence.row_motion import RowMotion, row_motion
 from experiments.model import JointNumbers
 from sea_jax import JointMotion
 from sea_jax.hooks import no_signals
@@ -65,6 +66,14 @@ class LoadEvidence:
     def model_error(self) -> np.ndarray:
         """What the best model may leave (1,), N m."""
         return np.array([MODEL_ERROR["joint"]])
+
+    def motion(self, rows: np.ndarray) -> RowMotion:
+        """Of the joint, as measured on these rows (N,) of the log."""
+        return row_motion(self.log.position[rows], self.log.velocity[rows], self.log.torque[rows])
+
+    def torso_inputs(self, rows: np.ndarray) -> dict[str, np.ndarray]:
+        """A joint on a bench has no torso."""
+        return {}
 
     def residual(self, xs: np.ndarray) -> np.ndarray:
         """Residuals (H, N, 1) in units of the floor for atom vectors (H, n)."""

@@ -51,7 +51,7 @@ def _free(
     columns = np.concatenate([pieces, moved[1:] - moved[:1]])
     bends = np.diff(np.eye(len(columns))[:KNOTS], 2, axis=0) / (BENT * log.floor)
     prior = bends.T @ bends + np.diag(np.r_[np.full(KNOTS, 1e-6), 1e-6, np.ones(len(steps))])
-    here = train[log.block_of_rows()]
+    here = train[log.part.block]
     solution = np.linalg.solve(columns[:, here] @ columns[:, here].T + prior, columns[:, here] @ moved[0][here])
     return float(((moved[0] - solution @ columns)[~here] ** 2).sum())
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from experiments.effects.effect import Effect
 from experiments.measurement.evidence.features import SHARP, gain, projected
-from experiments.measurement.evidence.joint_evidence import JointEvidence
 from experiments.measurement.evidence.log_evidence import Evidence, LocalPart
 from experiments.measurement.evidence.states import States, states_of
 from experiments.measurement.fits.fit_problem import Problem
@@ -58,7 +57,7 @@ class _Fitted:
         return [i for i, x in here if (x.effect, x.where) == placed[:2] and x.prior == np.inf and x.parameter in names]
 
 
-def changes_in(logs: Sequence[Evidence | JointEvidence], fit: Refitted, nominal: Sequence[Nominal]) -> list[Change]:
+def changes_in(logs: Sequence[Evidence], fit: Refitted, nominal: Sequence[Nominal]) -> list[Change]:
     """Effects of a fit that are not steady, each with the state that tells most; the clearest first."""
     if not fit.effects:
         return []
@@ -80,7 +79,7 @@ def _states_of(effect: Effect) -> tuple[str, ...]:
     return ("time",) if fine or effect.axis != "joint" else ("time", "position", "speed", "load")
 
 
-def _fitted(logs: Sequence[Evidence | JointEvidence], fit: Refitted, nominal: Sequence[Nominal]) -> _Fitted:
+def _fitted(logs: Sequence[Evidence], fit: Refitted, nominal: Sequence[Nominal]) -> _Fitted:
     variables = variables_of(logs[0], fit.effects, nominal)
     problem = Problem(tuple(logs), (), variables, ())
     effects = [value for placed in fit.effects for value in placed.parameters.values()]

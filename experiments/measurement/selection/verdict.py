@@ -5,7 +5,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from experiments.measurement.evidence.joint_evidence import JointEvidence
 from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Placed, Refitted
 from experiments.measurement.fits.misfit import FLOOR, above_floor, excess, misfit
@@ -55,9 +54,9 @@ def decide(logs: Sequence[Evidence], selection: Selection) -> tuple[Verdict, tup
     return ("explained" if whole else "partly_explained"), effects
 
 
-def _unknown_law(logs: Sequence[Evidence | JointEvidence], selection: Selection) -> bool:
+def _unknown_law(logs: Sequence[Evidence], selection: Selection) -> bool:
     """Whether a rigid joint follows a law of its position or speed that its effects, if any, at best imitate."""
-    if not all(isinstance(log, JointEvidence) for log in logs):
+    if not all(log.rigid for log in logs):
         return False
     without, found = selection.ladder[0].proof, selection.ladder[-1].proof
     return imitated(logs, selection.nominal, without, found, halves(logs)[0]) is not None
@@ -113,13 +112,13 @@ def held_out_error(logs: Sequence[Evidence], proof: Refitted) -> float:
     return max(misfit(log, proof, i, test[i]).worst for i, log in enumerate(logs))
 
 
-def fit_percents(selection: Selection, logs: Sequence[Evidence | JointEvidence]) -> list[dict[str, Any]]:
+def fit_percents(selection: Selection, logs: Sequence[Evidence]) -> list[dict[str, Any]]:
     """Of each bench log: share of the measured effort that each rung explains, %, on all and on held-out rows."""
     _, test = halves(logs)
     found = []
     for i, log in enumerate(logs):
-        if isinstance(log, JointEvidence):
-            here = test[i][log.block_of_rows()]
+        if log.rigid:
+            here = test[i][log.part.block]
             for rung in selection.ladder:
                 all_rows, held = log.fit_percent(rung.fit.points[i]), log.fit_percent(rung.proof.points[i], here)
                 found.append(
@@ -128,7 +127,7 @@ def fit_percents(selection: Selection, logs: Sequence[Evidence | JointEvidence])
     return found
 
 
-def held_out_rms(selection: Selection, logs: Sequence[Evidence | JointEvidence]) -> float:
+def held_out_rms(selection: Selection, logs: Sequence[Evidence]) -> float:
     """RMS of all residuals over noise on the blocks that the last rung was not fitted to."""
     _, test = halves(logs)
     proof = selection.ladder[-1].proof
@@ -136,7 +135,7 @@ def held_out_rms(selection: Selection, logs: Sequence[Evidence | JointEvidence])
     return float(np.sqrt(total / sum((log.weight() * blocks).sum() for log, blocks in zip(logs, test, strict=True))))
 
 
-def refitted_rms(selection: Selection, logs: Sequence[Evidence | JointEvidence]) -> dict[tuple[str, str], float]:
+def refitted_rms(selection: Selection, logs: Sequence[Evidence]) -> dict[tuple[str, str], float]:
     """Effects that were refitted in the first round: RMS of all residuals over noise on held-out blocks."""
     _, test = halves(logs)
     weight = sum((log.weight() * blocks).sum() for log, blocks in zip(logs, test, strict=True))
@@ -144,7 +143,7 @@ def refitted_rms(selection: Selection, logs: Sequence[Evidence | JointEvidence])
     return {name: float(np.sqrt(chi2 / weight)) for name, chi2 in first.items()}
 
 
-def ranking_entries(selection: Selection, logs: Sequence[Evidence | JointEvidence]) -> list[dict[str, Any]]:
+def ranking_entries(selection: Selection, logs: Sequence[Evidence]) -> list[dict[str, Any]]:
     """`ranking` of the answer file: what was proven, then each effect at its best place by its first, linear score;
     of those that were refitted, what each alone leaves on held-out blocks."""
     if not selection.rankings:
