@@ -52,5 +52,5 @@ def rows_sliding(log: BodyLog, raw: np.ndarray, error: np.ndarray) -> np.ndarray
 def around(rows: int, period: float) -> np.ndarray:
     """Rows (N, DECIMATION) that each row of `thinned` stands for."""
     half = filter_window(period) // 2
-    around = np.arange(half, rows - half, DECIMATION)[:, None] + np.arange(DECIMATION) - DECIMATION // 2
-    return np.clip(around, 0, rows - 1)
+    found = np.arange(half, rows - half, DECIMATION)[:, None] + np.arange(DECIMATION) - DECIMATION // 2
+    return np.clip(found, 0, rows - 1)
