@@ -30,7 +30,7 @@ def stages(monkeypatch: pytest.MonkeyPatch, excess: float, above: float) -> list
     }
     for name, stub in stubs.items():
         monkeypatch.setattr(diagnose, name, stub)
-    log = SimpleNamespace(standing=True, atoms=SimpleNamespace(effects=()))
+    log = SimpleNamespace(standing=True, rigid=False, atoms=SimpleNamespace(effects=()))
     diagnose._selected((log,), None, lambda _: None)
     return calls
 
