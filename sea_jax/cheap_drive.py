@@ -39,7 +39,8 @@ def cheap_drive(
         current = laws.current_at_once(params, wanted_current, state.motor_velocity, bus)
         voltage = params.resistance * current + back_emf(params, state.motor_velocity)
         motor = motor_step(params, hooks, signals, current, coulomb, memory, laws)
-        state = DriveState(motor.position, motor.velocity, current, integral, params.resistance * current, motor.memory)
+        held = params.resistance * current
+        state = DriveState(motor.position, motor.velocity, current, integral, held, voltage, motor.memory)
         return (state, tally.add(motor.spring_torque, current, voltage)), None
 
     times = jnp.arange(periods.velocity_steps, dtype=jnp.float32) * period

@@ -4,7 +4,6 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from sea_jax.electronics import back_emf
 from sea_jax.hooks import apply_hooks, no_signals
 from sea_jax.laws import LAWS, DriveLaws
 from sea_jax.motor import spring_on_link
@@ -58,7 +57,7 @@ def signals_at(
         motor_position=state.motor_position,
         motor_velocity=state.motor_velocity,
         current=state.current,
-        winding_voltage=params.resistance * state.current + back_emf(params, state.motor_velocity),
+        winding_voltage=state.voltage,
         joint_position=motion.position + time * (motion.velocity + 0.5 * turned),
         joint_velocity=motion.velocity + turned,
         radial_load=motion.radial_load,

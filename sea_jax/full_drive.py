@@ -50,7 +50,8 @@ def watched_drive(
         voltage, integral = current_loop(params, wanted_current, state.current, state.current_integral, bus, period)
         current = electronics(coil, voltage, state.motor_velocity, state.current)
         motor = motor_step(params, hooks, signals, current, coulomb, memory)
-        state = DriveState(motor.position, motor.velocity, current, state.velocity_integral, integral, motor.memory)
+        held = state.velocity_integral
+        state = DriveState(motor.position, motor.velocity, current, held, integral, voltage, motor.memory)
         seen = watch(seen, state, time + period)
         return (state, tally.add(motor.spring_torque, current, voltage), seen, wanted_current), None
 

@@ -48,7 +48,7 @@ def ideal_drive(
     turn = time * (motion.velocity + 0.5 * time * motion.acceleration)
     velocity = motion.velocity + time * motion.acceleration
     zero = jnp.zeros_like(torque)
-    return DriveState(motion.position + turn, velocity, zero, zero, zero, memory), DriveOutput(
+    return DriveState(motion.position + turn, velocity, zero, zero, zero, zero, memory), DriveOutput(
         torque=torque,
         damping=jnp.where(free, damping + 0.5 * time * stiffness, 0.0),
         end_torque=torque,

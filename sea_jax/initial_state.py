@@ -22,5 +22,6 @@ def initial_state(
         current=current,
         velocity_integral=jnp.clip(current, -params.velocity_integral_limit, params.velocity_integral_limit),
         current_integral=params.resistance * current,
+        voltage=params.resistance * current,
         memory={} if memory is None else dict(memory),
     )

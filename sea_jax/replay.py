@@ -63,12 +63,14 @@ def measured_start(
     memory: dict[str, tuple] | None = None,
 ) -> DriveState:
     """State at the first row from its sensors, (J,), with the integrators that would keep the current."""
+    held = params.resistance * motor_current + back_emf(params, motor_velocity)
     return DriveState(
         motor_position,
         motor_velocity,
         motor_current,
         velocity_integral=motor_current,
-        current_integral=params.resistance * motor_current + back_emf(params, motor_velocity),
+        current_integral=held,
+        voltage=held,
         memory={} if memory is None else dict(memory),
     )
 

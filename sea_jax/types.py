@@ -44,6 +44,7 @@ class DriveState(NamedTuple):
     current: Array  # A
     velocity_integral: Array  # integrator of the velocity PI, A
     current_integral: Array  # integrator of the current PI, V
+    voltage: Array  # that was last applied to the winding, V
     memory: Any  # states of the hooks, {} without hooks
 
 
@@ -91,7 +92,7 @@ class Signals(NamedTuple):
     motor_position: Array  # gear output side, rad
     motor_velocity: Array  # gear output side, rad/s
     current: Array  # A
-    winding_voltage: Array  # V that holds this current at this velocity, R I + K_e w
+    winding_voltage: Array  # V, that was applied in the step before
     joint_position: Array  # rad
     joint_velocity: Array  # rad/s
     deflection: Array  # rad

@@ -80,7 +80,7 @@ EFFECTS = (
         "drive",
         "joint",
         (
-            Parameter("resistance", "ohm", 0.0, 20.0, 0.5),
+            Parameter("resistance", "ohm", 0.0, 20.0, 0.7),
             Parameter("switching", "share of the amplifiers that switch", 0.0, 1.0, 1.0, "shape"),
         ),
         {"supply_voltage": _sag},

@@ -7,7 +7,7 @@ from typing import Any
 from experiments.effects.effect import Effect
 from experiments.measurement.evidence.gather import gather
 from experiments.measurement.evidence.log_evidence import Evidence
-from experiments.measurement.fits.fit_types import Placed
+from experiments.measurement.fits.fit_types import Nominal, Placed
 from experiments.measurement.fits.misfit import Misfit, above_floor, excess, misfit
 from experiments.measurement.fits.nominal import as_far_as_others, at_end, never_given, nominal_freedom
 from experiments.measurement.fits.refit import refit
@@ -15,6 +15,7 @@ from experiments.measurement.logs.log import Log
 from experiments.measurement.logs.noise_floor import noise_of
 from experiments.measurement.next_experiment import NextExperiment, next_experiment
 from experiments.measurement.selection.belief import LEAST_GAIN, LEAST_STEP
+from experiments.measurement.selection.judged_rows import judged_rows
 from experiments.measurement.selection.ladder import Selection
 from experiments.measurement.selection.leftover import Hint, hints
 from experiments.measurement.selection.pruning import take_out_unsteady
@@ -33,6 +34,7 @@ from experiments.model import Model
 HINTS_TOLD = 2  # in the verdict's words; the answer file and the report hold more
 WELL_EXPLAINED = 0.02  # excess of chi^2 per residual at which the nominal numbers need no second look
 CLEARLY_LESS = 0.8  # of the excess, that free numbers have to leave at most where they need as many effects
+ROUGH = 0.1  # of the misfit: by how much replays may be off that noise decides in places
 PROMISING = 0.5  # of that excess: with the nominal numbers as they stand, each effect has to explain most of the rest
 
 
@@ -60,7 +62,7 @@ def diagnose(logs: Sequence[Log], model: Model, library: Mapping[str, Effect], s
 
 def diagnose_evidence(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str], None]) -> Diagnosis:
     """The method on logs that are gathered already."""
-    selection = _selected(evidence, model, say)
+    evidence, selection = _selected(evidence, model, say)
     take_out_unsteady(selection, evidence, say)
     verdict, effects = decide(evidence, selection)
     before = tuple(misfit(log, selection.ladder[0].fit, i) for i, log in enumerate(evidence))
@@ -73,7 +75,9 @@ def diagnose_evidence(evidence: tuple[Evidence, ...], model: Model, say: Callabl
     return Diagnosis(verdict, effects, selection, evidence, before, after, text, further, tuple(rest), answer)
 
 
-def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str], None]) -> Selection:
+def _selected(
+    evidence: tuple[Evidence, ...], model: Model, say: Callable[[str], None]
+) -> tuple[tuple[Evidence, ...], Selection]:
     """With the nominal numbers as they stand if that explains the logs, else with numbers that may be a little off.
 
     A log that slightly different numbers explain lacks no effect, and one that few effects explain with the nominal
@@ -85,19 +89,32 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     strict = select(evidence, given, say, most=0)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
         if above_floor(evidence, strict.fit) <= 0:
-            return strict
-        return select(evidence, given, say, 1, promising=LEAST_STEP, begun=strict.ladder[0])
+            return evidence, strict
+        return evidence, select(evidence, given, say, 1, promising=LEAST_STEP, begun=strict.ladder[0])
     freedom = (*given, *(n for n in freedom if n not in given))
     if all(log.rigid for log in evidence):  # where a gain is all of the numbers in one
         numbers = select(evidence, freedom, say, most=0)
         if excess(evidence, numbers.fit) <= WELL_EXPLAINED:
-            return numbers
+            return evidence, numbers
     # what explains one of several logs has to be refuted
     most, promising = (MOST_EFFECTS, PROMISING) if len(evidence) == 1 else (1, 0.0)
     strict = select(evidence, given, say, most, promising=promising, begun=strict.ladder[0])
     tiny = NEGLIGIBLE * excess(evidence, strict.ladder[0].fit)
     if excess(evidence, strict.fit) <= max(WELL_EXPLAINED, tiny) and not leaves_more(evidence, strict):
-        return strict
+        return evidence, strict
+    told = judged_rows(evidence, strict)
+    if told is not None:
+        say("trying again without the rows that noise decides")
+        evidence = told
+        strict = select(evidence, given, say, most, promising=promising)
+        if strict.fit.effects and unexplained(evidence, strict) < ROUGH:
+            return evidence, strict
+    freed = _freed(evidence, freedom, say)
+    return evidence, freed if _better(evidence, freed, strict) else strict
+
+
+def _freed(evidence: tuple[Evidence, ...], freedom: Sequence[Nominal], say: Callable[[str], None]) -> Selection:
+    """With numbers that may be a little off, as far as the others of this robot are."""
     say("trying again with nominal numbers that may be a little off")
     free = refit(evidence, (), freedom)
     freedom = as_far_as_others(freedom, free)
@@ -106,8 +123,7 @@ def _selected(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str],
     # of the plant stays above its floor
     ill = at_end(freedom, numbers.fit) or above_floor(evidence, numbers.fit) > LEAST_GAIN
     least = NOISE if ill else WELL_EXPLAINED
-    freed = select(evidence, freedom, say, least=least, begun=numbers.ladder[0])
-    return freed if _better(evidence, freed, strict) else strict
+    return select(evidence, freedom, say, least=least, begun=numbers.ladder[0])
 
 
 def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bool:

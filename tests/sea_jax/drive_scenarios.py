@@ -112,7 +112,7 @@ def _play(params, inputs, memory, drive, periods, hooks):
         return (state, output.end_torque), (now | {"mean_torque": output.torque}, output)
 
     zero = jnp.zeros_like(inputs[1][0])
-    start = DriveState(inputs[1][0], zero, zero, zero, zero, memory)
+    start = DriveState(inputs[1][0], zero, zero, zero, zero, zero, memory)
     return jax.lax.scan(tick, (start, zero), inputs)[1]
 
 

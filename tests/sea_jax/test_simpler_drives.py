@@ -49,7 +49,7 @@ def test_cheap_drive_keeps_voltage_and_current_limits():
 def ideal(command, motion, params=PARAMS, measured=None):
     measured = motion if measured is None else measured
     measurement = JointMeasurement(measured.position, measured.velocity, ZERO, measured.position)
-    state = DriveState(motion.position, motion.velocity, ZERO, ZERO, ZERO, {})
+    state = DriveState(motion.position, motion.velocity, ZERO, ZERO, ZERO, ZERO, {})
     return DRIVES["ideal"](params, state, (command, measurement, motion))
 
 

@@ -86,7 +86,9 @@ class Atoms:
         return moved
 
     def places(self, effect: Effect) -> tuple[str, ...]:
-        return places_of(effect.axis, self.joint_names)
+        """Where an effect may be looked for; one supply feeds all drives."""
+        places = places_of(effect.axis, self.joint_names)
+        return places[:1] if "supply_voltage" in effect.equations else places
 
     def selection(self, effect: str, where: str) -> np.ndarray:
         """(n, parameters): which atoms move when the effect's parameters at a place do."""

@@ -46,6 +46,7 @@ class DriveEvidence:
     measured: np.ndarray  # (rows, J, 3)
     used: np.ndarray  # (rows, J, 3)
     floor: np.ndarray  # (J, 3)
+    renoised: tuple[JointMotion, ...]  # padded: what the links' motion would be with their sensors' noise once more
 
     def predict(self, xs: np.ndarray, shifts: np.ndarray) -> np.ndarray:
         """Predictions (H, rows, J, 3) for atom vectors (H, n) and shifts of the first motor angle (H, J)."""
@@ -93,16 +94,12 @@ def drive_evidence(
     sensors = np.array([noise[channel] for channel in CHANNELS])
     clean = _nominal(replay, params, atoms, padded, motion)
     used = rows_that_count(log, period, noise["motor_position"])
-    rng, spread = np.random.default_rng(0), np.zeros(clean.shape[1:])
-    for _ in range(FLOOR_DRAWS):
-        noisy = padded._replace(
-            joint_position=_noisy(rng, padded.joint_position, noise["joint_position"]),
-            joint_velocity=_noisy(rng, padded.joint_velocity, noise["joint_velocity"]),
-        )
-        again = _nominal(replay, params, atoms, padded, true_motion(noisy, period, noise))
+    renoised, spread = _renoised(padded, period, noise), np.zeros(clean.shape[1:])
+    for motion_again in renoised:
+        again = _nominal(replay, params, atoms, padded, motion_again)
         spread += ((again - clean)[:rows] ** 2 * used).sum(0) / np.maximum(used.sum(0), 1.0) / FLOOR_DRAWS
     floor = np.sqrt(sensors**2 + spread)
-    return DriveEvidence(atoms, replay, params, padded, motion, rows, period, measured(log), used, floor)
+    return DriveEvidence(atoms, replay, params, padded, motion, rows, period, measured(log), used, floor, renoised)
 
 
 def rows_that_count(log: DriveLog, period: float, noise: float) -> np.ndarray:
@@ -171,6 +168,16 @@ def _lanes(replay, atoms, params, log, motion, xs, shifts):
 def _nominal(replay: DriveReplay, params: DriveParams, atoms: Atoms, log: DriveLog, motion: JointMotion) -> np.ndarray:
     off = atoms.off()[None]
     return predict(replay, params, atoms, log, motion, off, np.zeros((1, log.joint_position.shape[1])))[0]
+
+
+def _renoised(log: DriveLog, period: float, noise: Mapping[str, float]) -> tuple[JointMotion, ...]:
+    rng = np.random.default_rng(0)
+    draws = []
+    for _ in range(FLOOR_DRAWS):
+        position = _noisy(rng, log.joint_position, noise["joint_position"])
+        velocity = _noisy(rng, log.joint_velocity, noise["joint_velocity"])
+        draws.append(true_motion(log._replace(joint_position=position, joint_velocity=velocity), period, noise))
+    return tuple(draws)
 
 
 def _pad(table: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from experiments.effects.link import BEARING_FRICTION
 from experiments.measurement.evidence.atoms import Atoms
 
 SMALL_STEP = 0.05  # of a strength's start, where the residual is close to linear in it
-SIZES = (0.3, 1.0, 3.0)  # of the start, for effects that are not
+SIZES = (0.3, 1.0, 2.0, 3.0)  # of the start, for effects that are not
 
 
 class Change(NamedTuple):

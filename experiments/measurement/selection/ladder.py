@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from experiments.measurement.fits.fit_types import Nominal, Refitted
+from experiments.measurement.selection.belief import Finalist
 from experiments.measurement.selection.choice import Refuted
 from experiments.measurement.selection.elsewhere import Elsewhere
 from experiments.measurement.selection.linear_score import Scored
@@ -28,7 +29,7 @@ class Selection:
     elsewhere: Elsewhere
     ladder: list[Rung] = field(default_factory=list)
     rankings: list[list[Scored]] = field(default_factory=list)
-    refitted: list[dict[tuple[str, str], float]] = field(default_factory=list)  # held-out chi^2 of each finalist
+    refitted: list[list[Finalist]] = field(default_factory=list)  # of each round
     refuted: list[Refuted] = field(default_factory=list)
     ties: list[list[tuple[str, str]]] = field(default_factory=list)
     winners: list[Refitted] = field(default_factory=list)

@@ -139,8 +139,8 @@ def refitted_rms(selection: Selection, logs: Sequence[Evidence]) -> dict[tuple[s
     """Effects that were refitted in the first round: RMS of all residuals over noise on held-out blocks."""
     _, test = halves(logs)
     weight = sum((log.weight() * blocks).sum() for log, blocks in zip(logs, test, strict=True))
-    first = selection.refitted[0] if selection.refitted else {}
-    return {name: float(np.sqrt(chi2 / weight)) for name, chi2 in first.items()}
+    first = selection.refitted[0] if selection.refitted else []
+    return {(f.scored.effect.name, f.scored.where): float(np.sqrt(f.held_out / weight)) for f in first}
 
 
 def ranking_entries(selection: Selection, logs: Sequence[Evidence]) -> list[dict[str, Any]]:

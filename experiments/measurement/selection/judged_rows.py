@@ -1,0 +1,55 @@
+"""Which rows a log is judged on: those aside that, by the best of what was tried, only noise decides.
+
+A few such rows of hundreds of noises outweigh all that an effect explains.
+"""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.evidence.untold import without_untold
+from experiments.measurement.fits.fit_types import Refitted
+from experiments.measurement.selection.ladder import Selection
+
+FEW = 0.02  # of a log's rows
+MOST = 0.5  # of what a fit leaves above the noise, that so few rows hold
+
+
+def judged_rows(logs: Sequence[Evidence], selection: Selection) -> tuple[Evidence, ...] | None:
+    """The logs without the rows that the best fit's replays do not tell; None where those do not matter.
+
+    The best fit is the one that leaves least outside of its worst rows: it need not have been chosen.
+    """
+    if any(log.drive is None for log in logs):
+        return None
+    best = min(_fits(selection), key=lambda fit: _left(logs, fit)[0])
+    outside, worst = _left(logs, best)
+    if worst < MOST * (outside + worst):
+        return None
+    told = tuple(without_untold(log, point) for log, point in zip(logs, best.points, strict=True))
+    return told if sum(_left(told, best)) < (1.0 - MOST) * (outside + worst) else None
+
+
+def _fits(selection: Selection) -> Iterator[Refitted]:
+    """Every fit that was tried."""
+    yield selection.fit
+    for finalists in selection.refitted:
+        for finalist in finalists:
+            yield finalist.fit
+
+
+def _left(logs: Sequence[Evidence], fit: Refitted) -> tuple[float, float]:
+    """What a fit leaves of the drives above the noise: outside of the FEW worst rows, and in them."""
+    outside = worst = 0.0
+    for log, point in zip(logs, fit.points, strict=True):
+        rows = np.sort(_over(log, point))
+        few = max(round(FEW * len(rows)), 1)
+        outside += max(rows[:-few].sum(), 0.0)
+        worst += rows[-few:].sum()
+    return outside, worst
+
+
+def _over(log: Evidence, point) -> np.ndarray:
+    """chi^2 of the drives above the noise's, row by row (rows,)."""
+    return (log.drive_residual([point])[0] ** 2 - log.drive.used).sum((1, 2))
