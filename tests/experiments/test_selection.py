@@ -20,7 +20,7 @@ from experiments.measurement.selection.finalists import Round, at_other_joints
 from experiments.measurement.selection.ladder import Rung, Selection
 from experiments.measurement.selection.linear_score import Scored
 from experiments.measurement.selection.pruning import take_out_idle, take_out_unsure
-from experiments.measurement.selection.select import _promises, stands_out
+from experiments.measurement.selection.select import _promises, stands_alone, stands_out
 from mjx_starleth.names import JOINT_NAMES
 
 NOISE, BEFORE = 1000.0, 9000.0  # chi^2 of noise alone, and without any effect
@@ -84,6 +84,12 @@ def test_a_score_is_held_against_the_noise_of_the_parts_where_it_acts(
     parts = (drives(12000 / 3600), body)
     log = SimpleNamespace(blocks=1, parts=parts, atoms=SimpleNamespace(joint_names=JOINT_NAMES))
     assert stands_out([Scored(LIBRARY[name], where, gain, {}, None)], [log]) == tried
+
+
+@pytest.mark.parametrize(("gain", "other", "tried"), [(799.0, 156.0, True), (799.0, 230.0, False), (551.0, 9.0, False)])
+def test_below_the_floor_an_effect_is_tried_that_alone_stands_out(gain: float, other: float, tried: bool) -> None:
+    ripple = [Scored(LIBRARY["torque_ripple"], where, gain, {}, None) for where in ("HAA", "all")]
+    assert stands_alone([*ripple, Scored(LIBRARY["backlash"], "KFE", other, {}, None)]) == tried
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,96 @@
+"""Rows that only noise decides: which they are, when they are left out, and what is found without them."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from experiments.effects import LIBRARY
+from experiments.independent_plant.library import Effect
+from experiments.independent_plant.practice import practise
+from experiments.measurement.diagnose import diagnose
+from experiments.measurement.evidence.atoms import Atoms
+from experiments.measurement.evidence.log_evidence import Point
+from experiments.measurement.evidence.untold import untold
+from experiments.measurement.fits.fit_types import Refitted
+from experiments.measurement.intake import read_checked
+from experiments.measurement.selection import judged_rows as module
+from experiments.measurement.selection.belief import Finalist
+from experiments.measurement.selection.judged_rows import judged_rows
+from experiments.model import nominal_model
+from mjx_starleth.names import JOINT_NAMES
+
+ROWS, JOINTS = 100, 2
+POINT = Point(np.zeros(1), np.zeros(JOINTS), np.zeros(0))
+FITS = ["chosen", "tried"]
+
+
+def test_a_row_is_untold_where_noise_moves_its_prediction_far_and_so_are_its_neighbours() -> None:
+    clean, floor = np.zeros((ROWS, JOINTS, 3)), np.full((JOINTS, 3), 0.05)
+    moved = clean.copy()
+    moved[40, 1, 2], moved[70, 0, 2] = 20.0, 0.3  # 400 floors, and 6
+    drive = SimpleNamespace(
+        predict=lambda xs, shifts: clean[None],
+        play=lambda log, motion, xs, shifts: (moved if motion == "noisier" else clean)[None],
+        renoised=("as noisy", "noisier"),
+        log=None,
+        rows=ROWS,
+        floor=floor,
+    )
+    rows, joints, channels = np.nonzero(untold(drive, POINT.x, POINT.shift))
+    assert rows.tolist() == [38, 39, 40, 41, 42]
+    assert set(joints) == {1} and set(channels) == {2}
+
+
+def fit(name: str) -> Refitted:
+    point = POINT._replace(x=np.array([FITS.index(name)]))
+    return Refitted((), np.zeros(0), np.zeros(0), (point,), (np.zeros(1),), None)
+
+
+def log_of(residuals: dict[str, np.ndarray]) -> SimpleNamespace:
+    """A log whose replays leave these residuals (rows,) in each channel, by the name of the fit."""
+    by_point = {FITS.index(name): r[:, None, None] * np.ones((1, JOINTS, 3)) for name, r in residuals.items()}
+    drive = SimpleNamespace(used=np.ones((ROWS, JOINTS, 3)))
+    return SimpleNamespace(drive=drive, drive_residual=lambda points: np.stack([by_point[int(p.x[0])] for p in points]))
+
+
+@pytest.mark.parametrize(("moves", "told"), [(True, True), (False, False)])
+def test_rows_are_left_out_if_they_hold_most_of_what_the_best_fit_leaves_and_noise_moves_them(
+    monkeypatch: pytest.MonkeyPatch, moves: bool, told: bool
+) -> None:
+    few, calm = np.ones(ROWS), np.ones(ROWS)
+    few[50] = 300.0
+    log, without = log_of({"chosen": np.full(ROWS, 20.0), "tried": few}), log_of({"tried": calm})
+    monkeypatch.setattr(module, "without_untold", lambda log, point: without if moves else log)
+    tried = Finalist(None, fit("tried"), 0.0)
+    selection = SimpleNamespace(fit=fit("chosen"), refitted=[[tried]])
+    found = judged_rows([log], selection)
+    assert (found is not None) == told
+    if told:
+        assert found == (without,)
+
+
+def test_a_misfit_that_is_spread_over_a_log_is_judged_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "without_untold", lambda log, point: pytest.fail("nothing to leave out"))
+    log = log_of({"chosen": np.full(ROWS, 20.0)})
+    assert judged_rows([log], SimpleNamespace(fit=fit("chosen"), refitted=[])) is None
+    bodies_only = SimpleNamespace(drive=None)
+    assert judged_rows([bodies_only], SimpleNamespace(fit=fit("chosen"), refitted=[])) is None
+
+
+def test_the_supply_is_looked_for_as_one() -> None:
+    layout = Atoms(tuple(LIBRARY.values()), JOINT_NAMES)
+    assert layout.places(LIBRARY["bus_voltage_sag"]) == ("all",)
+    assert "LH_KFE" in layout.places(LIBRARY["backlash"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("resistance", [1.6, 2.5])
+def test_a_supply_that_collapses_in_hops_is_named(tmp_path, resistance: float) -> None:
+    log = tmp_path / "log"
+    practise("hops", [Effect("bus_voltage_sag", "all", {"resistance": resistance})], log)
+    read = read_checked(log.with_suffix(".csv.gz"), None, nominal_model())
+    found = diagnose([read], nominal_model(), LIBRARY, lambda text: None)
+    (entry,) = found.answer["effects"]
+    assert (entry["effect"], entry["where"]) == ("bus_voltage_sag", "all")
+    assert found.answer["unexplained_fraction"] < 0.1
