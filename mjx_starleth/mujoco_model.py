@@ -13,7 +13,8 @@ from mjx_starleth.body_types import BodyParams
 from mjx_starleth.mjcf import mjcf
 from mjx_starleth.names import LEGS
 from mjx_starleth.numbers import RobotNumbers
-from mjx_starleth.terrain import Terrain, obstacle_profile
+from mjx_starleth.obstacle import obstacle_profile
+from mjx_starleth.terrain import Terrain
 
 HARDNESS = 0.999  # impedance of the contacts: 1 is rigid and singular
 IMPRATIO = 100.0  # friction that much stiffer than the normal direction, or feet creep
@@ -82,7 +83,7 @@ def _add_obstacle(spec: mujoco.MjSpec, terrain: Terrain, k: int) -> None:
     counts = np.clip(np.ceil(2 * half / GRID).astype(int) + 1, 4, MOST_POINTS)
     x, y = (np.linspace(-size, size, count) for size, count in zip(half, counts, strict=True))
     local = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2)
-    profile = np.asarray(obstacle_profile(terrain, k, local)[0])
+    profile = np.asarray(obstacle_profile(local, terrain.obstacle_half_size[k], terrain.obstacle_flank[k]))
     name, height = f"obstacle{k}", float(terrain.obstacle_height[k])
     spec.add_hfield(
         name=name, size=[*half, height, 0.1], nrow=int(counts[1]), ncol=int(counts[0]), userdata=profile.tolist()

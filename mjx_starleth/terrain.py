@@ -1,8 +1,8 @@
 """The ground: a plane of any slope, obstacles that raise it and patches that change its friction.
 
-An obstacle adds `height * f(x) * f(y)` along the plane's normal, where f rises smoothly from 0 to 1 over `flank`: a
-short flank makes a flat-topped box or step, a flank as long as the obstacle a bump. The ground is thus one height
-field with one normal everywhere, and a foot has one contact.
+An obstacle is a block along the plane's normal with straight flanks: a short one makes a flat-topped board or step,
+one as long as the obstacle a ramp up and down. A foot has one contact: that with the nearest point of the ground.
+Of obstacles that overlap the higher one counts.
 """
 
 from typing import NamedTuple
@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from mjx_starleth.block_solve import total
+from mjx_starleth.obstacle import obstacle_gap, rectangle_distance
 from mjx_starleth.rotation import cross
 
 Array = jax.Array
@@ -83,7 +84,7 @@ def contact_frame(normal: Array) -> Array:
 def ground_contact(terrain: Terrain, r_WF: Array, radius: Array, friction: Array) -> GroundContact:
     """Gap, contact frame and friction under feet with centres r_WF (4, 3) m.
 
-    Over an obstacle's flank the gap is exact to first order: height above the field times the cosine of its slope.
+    The gap is the distance to the ground's nearest point (obstacle.py), so that an edge is where it is and no higher.
     """
     feet = r_WF.shape[0]
     level = contact_frame(terrain.normal)
@@ -97,30 +98,23 @@ def ground_contact(terrain: Terrain, r_WF: Array, radius: Array, friction: Array
         away = jnp.abs(place - terrain.patch_centre[k][None]) - terrain.patch_half_size[k][None]
         friction = jnp.where(away.max(-1) <= 0, terrain.patch_friction[k], friction)
 
-    raised, slope = _obstacles(terrain, place)
-    cosine = jax.lax.rsqrt(1 + total(slope * slope))
-    normal = (terrain.normal[None] - total(slope[:, :, None] * level[None, :2], 1)) * cosine[:, None]
-    return GroundContact((height - raised) * cosine - radius, contact_frame(normal), friction)
-
-
-def obstacle_profile(terrain: Terrain, k: int, local: Array) -> tuple[Array, Array]:
-    """Obstacle k at places (n, 2) in its own axes: fraction of its height (n,), gradient of that (n, 2) 1/m."""
-    flank = terrain.obstacle_flank[k]
-    t = jnp.clip((terrain.obstacle_half_size[k][None] - jnp.abs(local)) / flank + 0.5, 0, 1)
-    f = t * t * (3 - 2 * t)
-    df = -6 * t * (1 - t) / flank * jnp.sign(local)
-    return f[:, 0] * f[:, 1], jnp.stack([df[:, 0] * f[:, 1], f[:, 0] * df[:, 1]], -1)
-
-
-def _obstacles(terrain: Terrain, place: Array) -> tuple[Array, Array]:
-    """Height (4,) added at places (4, 2) on the plane, and its gradient (4, 2)."""
-    height, gradient = jnp.zeros(place.shape[:1], place.dtype), jnp.zeros_like(place)
+    gap, normal = height - radius, jnp.broadcast_to(terrain.normal, (feet, 3))
     for k in range(terrain.obstacle_height.shape[0]):
-        c, s = jnp.cos(terrain.obstacle_yaw[k]), jnp.sin(terrain.obstacle_yaw[k])
-        d = place - terrain.obstacle_centre[k][None]
-        local = jnp.stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]], -1)
-        profile, slope = obstacle_profile(terrain, k, local)
-        slope = jnp.stack([c * slope[:, 0] - s * slope[:, 1], s * slope[:, 0] + c * slope[:, 1]], -1)
-        height = height + terrain.obstacle_height[k] * profile
-        gradient = gradient + terrain.obstacle_height[k] * slope
-    return height, gradient
+        near, away = _obstacle(terrain, k, place, height, radius, level)
+        counts = jnp.abs(near - (height - radius)) > jnp.abs(gap - (height - radius))
+        gap, normal = jnp.where(counts, near, gap), jnp.where(counts[:, None], away, normal)
+    return GroundContact(gap, contact_frame(normal), friction)
+
+
+def _obstacle(
+    terrain: Terrain, k: int, place: Array, height: Array, radius: Array, level: Array
+) -> tuple[Array, Array]:
+    """Gap (4,) and normal (4, 3) of feet at places (4, 2) on the plane and heights (4,) over it: obstacle k alone."""
+    c, s = jnp.cos(terrain.obstacle_yaw[k]), jnp.sin(terrain.obstacle_yaw[k])
+    d = place - terrain.obstacle_centre[k][None]
+    local = jnp.stack([c * d[:, 0] + s * d[:, 1], c * d[:, 1] - s * d[:, 0]], -1)
+    distance, out = rectangle_distance(local, terrain.obstacle_half_size[k])
+    near = obstacle_gap(distance, height, radius, terrain.obstacle_height[k], terrain.obstacle_flank[k])
+    out = jnp.stack([c * out[:, 0] - s * out[:, 1], s * out[:, 0] + c * out[:, 1]], -1)
+    out_W = total(out[:, :, None] * level[None, :2], 1)
+    return near.distance, near.outward[:, None] * out_W + near.upward[:, None] * terrain.normal[None]
