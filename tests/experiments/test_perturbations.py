@@ -159,6 +159,6 @@ def test_a_normal_law_is_cut_and_not_heaped_up_at_its_ends() -> None:
 def test_a_board_lies_where_it_was_put(plant) -> None:
     numbers = {"obstacle_height": 0.03, "obstacle_x": 0.3, "obstacle_y": -0.2, "obstacle_width": 0.4}
     bodies = trial(**numbers).apply(plant, plant.params).bodies
-    feet = jnp.asarray([[0.3, -0.2, 0.5], [0.3, -0.35, 0.5], [0.3, 0.1, 0.5], [0.45, -0.2, 0.5]], jnp.float32)
+    feet = jnp.asarray([[0.3, -0.2, 0.06], [0.3, -0.35, 0.06], [0.3, 0.1, 0.06], [0.45, -0.2, 0.06]], jnp.float32)
     gap = jax.jit(ground_contact)(bodies.terrain, feet, bodies.foot_radius, bodies.friction).gap
-    np.testing.assert_allclose(np.asarray(gap), 0.5 - 0.02 - np.array([0.03, 0.03, 0, 0]), atol=1e-6)
+    np.testing.assert_allclose(np.asarray(gap), 0.06 - 0.02 - np.array([0.03, 0.03, 0, 0]), atol=1e-6)
