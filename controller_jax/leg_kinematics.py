@@ -69,15 +69,21 @@ def _leg_points(geometry: LegGeometry, q: Array, lengths: Array) -> tuple[Array,
     return r, jnp.stack([J_HAA, J_HFE, J_KFE], -1)
 
 
+def abduction(geometry: LegGeometry, r_BF_B: Array) -> Array:
+    """HAA (4,) of legs whose feet are at r_BF_B (4, 3), rad; beyond its stops, too."""
+    r = r_BF_B - geometry.r_BH_B
+    return jnp.arctan2(r[:, 1], jnp.maximum(-r[:, 2], geometry.hip_length + MIN_DROP))
+
+
 def inverse_kinematics(geometry: LegGeometry, r_BF_B: Array) -> Array:
     """Joint positions q (12,) that bring the feet to r_BF_B (4, 3), clamped to the joint limits.
 
     A target out of reach is approached along the line from the HFE axis. Finite for every target.
     """
     x, y, z = jnp.moveaxis(r_BF_B - geometry.r_BH_B, -1, 0)
+    HAA = abduction(geometry, r_BF_B)
     hip, thigh, shank = geometry.hip_length, geometry.thigh_length, geometry.shank_length
     height = jnp.maximum(-z, hip + MIN_DROP)
-    HAA = jnp.arctan2(y, height)
     drop = jnp.sqrt(y * y + height * height) - hip
     limits = geometry.position_limits.reshape(4, 3, 2)
     knee = jnp.abs(limits[:, 2])  # folded the most and the least, in either order

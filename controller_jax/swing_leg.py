@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from controller_jax.leg_kinematics import LegKinematics, inverse_kinematics
+from controller_jax.leg_kinematics import LegKinematics, abduction, inverse_kinematics
 from controller_jax.rotations import cross, mtv, mv
 from controller_jax.terrain_estimator import Plane
 from controller_jax.types import Array, LegGeometry, RobotState
@@ -100,8 +100,10 @@ def joint_positions(
     omega = jnp.broadcast_to(state.omega_B, r_BF_B.shape)
     v_B = mtv(to_B, motion.velocity - state.v_WB[None]) - cross(omega, r_BF_B)
     qd = jnp.clip(solve_legs(legs.J_BF_B, v_B), -params.joint_speed_limit, params.joint_speed_limit)
-    q = inverse_kinematics(geometry, within_stride_width(geometry, r_BF_B))
-    q = q + (qd * params.position_lead[None]).reshape(12)
+    q = inverse_kinematics(geometry, within_stride_width(geometry, r_BF_B)).reshape(4, 3)
+    # led before it is clamped: a target that comes back from beyond the stop leaves the hip there until it is due
+    q = jnp.concatenate([abduction(geometry, r_BF_B)[:, None], q[:, 1:]], -1)
+    q = (q + qd * params.position_lead[None]).reshape(12)
     return jnp.clip(q, geometry.position_limits[:, 0], geometry.position_limits[:, 1])
 
 
