@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from controller_jax import gait, leg_coordination, terrain_estimator
-from controller_jax.foot_contact import soles
+from controller_jax.foot_contact import Soles, soles
 from controller_jax.foothold import FootholdParams, desired_footholds
 from controller_jax.force_distribution import (
     DistributionSettings,
@@ -18,7 +18,7 @@ from controller_jax.force_problem import support_legs
 from controller_jax.gait import ReducedGait
 from controller_jax.joint_torques import joint_torques
 from controller_jax.leg_coordination import CoordinationParams, LegEvents, LegMemory
-from controller_jax.leg_kinematics import leg_kinematics
+from controller_jax.leg_kinematics import LegKinematics, leg_kinematics
 from controller_jax.rotations import control_frame, cross, mtv, mv
 from controller_jax.swing_leg import FootMotion, SwingParams, joint_positions, swing_motion
 from controller_jax.terrain_estimator import Plane, TerrainParams
@@ -108,13 +108,7 @@ def step(
     period: Array,
 ) -> tuple[LocomotionState, JointTargets, LocomotionInfo]:
     """One control period (s): what the joints should do, given the robot, the operator's command and the time."""
-    legs = leg_kinematics(geometry, robot.q)
-    R_WB = robot.R_WB
-    feet = soles(geometry, legs, robot.q, robot.qd, R_WB, state.plane.normal_W)
-    soles_W = robot.r_WB[None] + mv(R_WB[None], feet.r_BS_B)
-    omega = jnp.broadcast_to(robot.omega_B, (4, 3))
-    slip_W = robot.v_WB[None] + mv(R_WB[None], cross(omega, feet.r_BS_B) + feet.v_BS_B)
-
+    legs, feet, soles_W, slip_W = _sense(geometry, robot, state.plane)
     pattern, phase, stepping = _schedule(params, state.phase, time, period)
     phases = gait.leg_phases(pattern, phase)
     memory, roles, events = leg_coordination.coordinate(
@@ -122,18 +116,15 @@ def step(
     )
     plane = terrain_estimator.estimate(params.terrain, state.plane, memory.foothold_W, period)
     # without the barrier XLA fits the plane again for each of its many uses: 8 % of the whole loop
-    plane, R_WC = jax.lax.optimization_barrier((plane, control_frame(R_WB, plane.normal_W)))
-    # a torso that leaves before its feet do overstretches the legs behind it
-    wanted = VelocityCommand(*(stepping * speed for speed in command))
-    smoothed = smooth(params.velocity, state.command, wanted)
-    trim = learn(params.velocity, state.trim, smoothed, torso_velocity(robot, R_WC), period)
+    plane, R_WC = jax.lax.optimization_barrier((plane, control_frame(robot.R_WB, plane.normal_W)))
+    smoothed, trim = _wanted_velocity(params, state, robot, R_WC, command, stepping, period)
     asked = jax.tree.map(jnp.add, smoothed, trim)
 
     target = torso_target(params.torso, pattern, phases, phase, soles_W, plane, R_WC, asked, geometry.gravity)
     integrals, wrench_C = virtual_model(
         params.gains, params.integral_limits, geometry, state.integrals, robot, legs, target, R_WC, period
     )
-    support = support_legs(geometry, legs, R_WB, R_WC, roles.support, feet)
+    support = support_legs(geometry, legs, robot.R_WB, R_WC, roles.support, feet)
     distribution, forces = distribute_forces(params.distribution, state.distribution, support, wrench_C)
 
     motion = _swing(params, geometry, robot, memory, roles, phases, R_WC, plane, asked, soles_W)
@@ -141,19 +132,28 @@ def step(
     torque = joint_torques(forces.force, support.J_BF_C, support.weight_torque)
     targets = JointTargets(torque, position, jnp.repeat(1.0 - roles.support, 3))
     info = LocomotionInfo(
-        phase=phase,
-        planned_stance=phases.stance,
-        support=roles.support,
-        events=events,
-        command=smoothed,
-        plane=plane,
-        torso=target,
-        wrench_C=wrench_C,
-        force_C=forces.force,
-        tracking_C=forces.wrench - wrench_C,
-        foot=motion,
-    )
+        phase, phases.stance, roles.support, events, smoothed, plane, target, wrench_C,
+        force_C=forces.force, tracking_C=forces.wrench - wrench_C, foot=motion,
+    )  # fmt: skip
     return LocomotionState(phase, smoothed, trim, plane, memory, integrals, distribution), targets, info
+
+
+def _sense(geometry: LegGeometry, robot: RobotState, plane: Plane) -> tuple[LegKinematics, Soles, Array, Array]:
+    """The legs, their soles seen from the torso, and in the world: places (4, 3) m and velocities (4, 3) m/s."""
+    legs = leg_kinematics(geometry, robot.q)
+    feet = soles(geometry, legs, robot.q, robot.qd, robot.R_WB, plane.normal_W)
+    soles_W = robot.r_WB[None] + mv(robot.R_WB[None], feet.r_BS_B)
+    omega = jnp.broadcast_to(robot.omega_B, (4, 3))
+    slip_W = robot.v_WB[None] + mv(robot.R_WB[None], cross(omega, feet.r_BS_B) + feet.v_BS_B)
+    return legs, feet, soles_W, slip_W
+
+
+def _wanted_velocity(params, state, robot, R_WC, command, stepping, period) -> tuple[VelocityCommand, VelocityCommand]:
+    """The smoothed command, and what is added to it for the mean velocity to meet it."""
+    # a torso that leaves before its feet do overstretches the legs behind it
+    wanted = VelocityCommand(*(stepping * speed for speed in command))
+    smoothed = smooth(params.velocity, state.command, wanted)
+    return smoothed, learn(params.velocity, state.trim, smoothed, torso_velocity(robot, R_WC), period)
 
 
 def torso_velocity(robot: RobotState, R_WC: Array) -> VelocityCommand:

@@ -147,6 +147,21 @@ def test_a_foot_sent_too_far_to_the_side_keeps_its_height_at_the_hip_s_stop():
         np.testing.assert_allclose(reached[:, 1], hips[:, 1] + 0.4 * np.tan(angle), atol=1e-5)
 
 
+def test_a_hip_stays_at_its_stop_until_a_target_beyond_it_is_due_back():
+    """Led from the stop instead of from the target, hips came back early: feet landed short of where a push led."""
+    state = robot(2)._replace(R_WB=jnp.eye(3), r_WB=jnp.zeros(3), v_WB=jnp.zeros(3), omega_B=jnp.zeros(3))
+    legs = leg_kinematics(GEOMETRY, state.q)
+    hips, stops = np.asarray(GEOMETRY.r_BH_B), np.asarray(GEOMETRY.position_limits).reshape(4, 3, 2)[:, 0]
+    for side, stop in ((1.0, stops[:, 1]), (-1.0, stops[:, 0])):
+        target = jnp.asarray(hips + np.array([0.03, side * 0.4, -0.4]), jnp.float32)
+        coming_back = swing_leg.FootMotion(target, jnp.broadcast_to(jnp.array([0.0, -side, 0.0]), (4, 3)))
+        for lead, due in ((0.05, False), (0.3, True)):
+            p = params(position_lead=[lead] * 3)
+            command = swing_leg.joint_positions(p, GEOMETRY, state, legs, coming_back, jnp.asarray([0.0, 0.0, 1.0]))
+            away = np.abs(np.asarray(command).reshape(4, 3)[:, 0] - stop)
+            assert (away > 0.05).all() if due else (away < 1e-6).all()
+
+
 def test_commands_stay_within_the_joint_limits():
     state = robot(1)
     legs = leg_kinematics(GEOMETRY, state.q)
