@@ -15,7 +15,7 @@ from experiments.measurement.logs.log import Log
 from experiments.measurement.logs.noise_floor import noise_of
 from experiments.measurement.next_experiment import NextExperiment, next_experiment
 from experiments.measurement.selection.belief import LEAST_GAIN, LEAST_STEP
-from experiments.measurement.selection.judged_rows import judged_rows
+from experiments.measurement.selection.judged_rows import judged_rows, set_aside
 from experiments.measurement.selection.ladder import Selection
 from experiments.measurement.selection.leftover import Hint, hints
 from experiments.measurement.selection.pruning import take_out_unsteady
@@ -62,13 +62,14 @@ def diagnose(logs: Sequence[Log], model: Model, library: Mapping[str, Effect], s
 
 def diagnose_evidence(evidence: tuple[Evidence, ...], model: Model, say: Callable[[str], None]) -> Diagnosis:
     """The method on logs that are gathered already."""
-    evidence, selection = _selected(evidence, model, say)
+    whole = evidence
+    evidence, selection = _selected(whole, model, say)
     take_out_unsteady(selection, evidence, say)
     verdict, effects = decide(evidence, selection)
     before = tuple(misfit(log, selection.ladder[0].fit, i) for i, log in enumerate(evidence))
     after = tuple(misfit(log, selection.fit, i) for i, log in enumerate(evidence))
     rest = hints(evidence, selection.fit if effects else selection.ladder[0].fit)
-    text = in_words(verdict, effects, selection, evidence, rest)
+    text = f"{in_words(verdict, effects, selection, evidence, rest)} {set_aside(whole, evidence)}".rstrip()
     further = next_experiment(evidence, selection, model)
     answer = _answer(verdict, effects, selection, evidence, text) | {"next_experiment": further.text}
     answer["rest_goes_with"] = [hint._asdict() for hint in rest]

@@ -16,7 +16,7 @@ from experiments.measurement.fits.fit_types import Refitted
 from experiments.measurement.intake import read_checked
 from experiments.measurement.selection import judged_rows as module
 from experiments.measurement.selection.belief import Finalist
-from experiments.measurement.selection.judged_rows import judged_rows
+from experiments.measurement.selection.judged_rows import judged_rows, set_aside
 from experiments.model import nominal_model
 from mjx_starleth.names import JOINT_NAMES
 
@@ -76,6 +76,15 @@ def test_a_misfit_that_is_spread_over_a_log_is_judged_as_it_is(monkeypatch: pyte
     assert judged_rows([log], SimpleNamespace(fit=fit("chosen"), refitted=[])) is None
     bodies_only = SimpleNamespace(drive=None)
     assert judged_rows([bodies_only], SimpleNamespace(fit=fit("chosen"), refitted=[])) is None
+
+
+def test_it_is_told_how_much_is_not_judged() -> None:
+    log = log_of({})
+    fewer = SimpleNamespace(drive=SimpleNamespace(used=log.drive.used.copy()))
+    fewer.drive.used[:5] = 0.0
+    bodies_only = SimpleNamespace(drive=None)
+    assert set_aside([log, bodies_only], [log, bodies_only]) == ""
+    assert set_aside([log, bodies_only], [fewer, bodies_only]).startswith("5.0% of what the drives tell is not judged")
 
 
 def test_the_supply_is_looked_for_as_one() -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from experiments.measurement.evidence.log_evidence import Evidence
+from experiments.measurement.evidence.log_evidence import Evidence, Point
 from experiments.measurement.evidence.untold import without_untold
 from experiments.measurement.fits.fit_types import Refitted
 from experiments.measurement.selection.ladder import Selection
@@ -31,6 +31,14 @@ def judged_rows(logs: Sequence[Evidence], selection: Selection) -> tuple[Evidenc
     return told if sum(_left(told, best)) < (1.0 - MOST) * (outside + worst) else None
 
 
+def set_aside(logs: Sequence[Evidence], judged: Sequence[Evidence]) -> str:
+    """In one sentence, how much of the logs is not judged; empty where all is."""
+    whole, told = (sum(float(log.drive.used.sum()) for log in some if log.drive is not None) for some in (logs, judged))
+    if told == whole:
+        return ""
+    return f"{1.0 - told / whole:.1%} of what the drives tell is not judged: there noise decides how the motors switch."
+
+
 def _fits(selection: Selection) -> Iterator[Refitted]:
     """Every fit that was tried."""
     yield selection.fit
@@ -50,6 +58,6 @@ def _left(logs: Sequence[Evidence], fit: Refitted) -> tuple[float, float]:
     return outside, worst
 
 
-def _over(log: Evidence, point) -> np.ndarray:
+def _over(log: Evidence, point: Point) -> np.ndarray:
     """chi^2 of the drives above the noise's, row by row (rows,)."""
     return (log.drive_residual([point])[0] ** 2 - log.drive.used).sum((1, 2))
