@@ -57,7 +57,7 @@ EFFECTS = (
         "torque per ampere falls at high current (magnetic saturation)",
         "drive",
         "joint",
-        (Parameter("per_square_current", "1/A^2", 0.0, 0.05, 0.002),),
+        (Parameter("per_square_current", "1/A^2", 0.0, 0.05, 0.005),),
         {"motor_torque": _saturation},
     ),
     Effect(

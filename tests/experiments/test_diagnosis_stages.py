@@ -74,7 +74,8 @@ def test_ripple_lines_are_sought_in_what_is_left_at_the_fit(monkeypatch) -> None
     assert {dict(change.shapes)["harmonic"] for change in changes} == {123.0}
 
 
-def test_a_spring_that_stiffens_is_tried_at_several_strengths() -> None:
-    """A cube says little of itself near zero: its small step scored a twentieth of what another effect promised."""
-    changes, variants = changes_of((LIBRARY["spring_stiffening"],))
+@pytest.mark.parametrize("name", ["spring_stiffening", "torque_constant_saturation"])
+def test_a_curved_effect_is_tried_at_several_strengths(name: str) -> None:
+    """A cube says little of itself near zero, and nothing of where a saturation goes: what scored was another effect."""
+    changes, variants = changes_of((LIBRARY[name],))
     assert len(variants) == 4 and max(c.step for c in changes) >= 10 * min(c.step for c in changes)

@@ -43,7 +43,8 @@ class Variant(NamedTuple):
 # fitted beside every hypothesis, never one
 NUISANCES = frozenset({LOOP_TIMING.name, LINK_COM.name, BEARING_FRICTION.name})
 SHARP = frozenset(
-    "backlash command_delay sensor_delay stribeck_friction spring_hysteresis spring_stiffening bus_voltage_sag".split()
+    "backlash command_delay sensor_delay stribeck_friction spring_hysteresis spring_stiffening bus_voltage_sag "
+    "torque_constant_saturation".split()
 )
 
 
