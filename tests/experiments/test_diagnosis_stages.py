@@ -76,6 +76,6 @@ def test_ripple_lines_are_sought_in_what_is_left_at_the_fit(monkeypatch) -> None
 
 @pytest.mark.parametrize("name", ["spring_stiffening", "torque_constant_saturation"])
 def test_a_curved_effect_is_tried_at_several_strengths(name: str) -> None:
-    """A cube says little of itself near zero, and nothing of where a saturation goes: what scored was another effect."""
+    """A cube says little of itself near zero, and so does a strong saturation: what scored was another effect."""
     changes, variants = changes_of((LIBRARY[name],))
     assert len(variants) == 4 and max(c.step for c in changes) >= 10 * min(c.step for c in changes)
