@@ -87,12 +87,13 @@ def _selected(
     standing = any(log.standing for log in evidence)
     freedom = nominal_freedom(model, evidence[0].atoms.effects, standing)
     given = never_given(model, evidence[0].atoms.effects)
+    freedom = (*given, *(n for n in freedom if n not in given))
     strict = select(evidence, given, say, most=0)
     if excess(evidence, strict.fit) <= WELL_EXPLAINED:
-        if above_floor(evidence, strict.fit) <= 0:
-            return evidence, strict
-        return evidence, select(evidence, given, say, 1, promising=LEAST_STEP, begun=strict.ladder[0])
-    freedom = (*given, *(n for n in freedom if n not in given))
+        if above_floor(evidence, strict.fit) > 0:
+            return evidence, select(evidence, given, say, 1, promising=LEAST_STEP, begun=strict.ladder[0])
+        alone = select(evidence, given, say, 1, least=WELL_EXPLAINED, begun=strict.ladder[0])
+        return evidence, _freed(evidence, freedom, say) if alone.fit.effects else strict
     if all(log.rigid for log in evidence):  # where a gain is all of the numbers in one
         numbers = select(evidence, freedom, say, most=0)
         if excess(evidence, numbers.fit) <= WELL_EXPLAINED:

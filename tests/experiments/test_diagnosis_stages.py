@@ -13,17 +13,23 @@ from experiments.measurement.selection.select import NOISE
 
 
 def stages(
-    monkeypatch: pytest.MonkeyPatch, excess: float, above: float, told: tuple | None = None, left: float = 1.0
+    monkeypatch: pytest.MonkeyPatch,
+    excess: float,
+    above: float,
+    told: tuple | None = None,
+    left: float = 1.0,
+    finds: tuple[int, float] | None = None,
 ) -> list[tuple[int, float]]:
     """Effects sought at most, and the excess they are sought down to, stage by stage; none explains anything.
 
-    told: the logs without rows that noise decides; left: the share of the misfit that their effects leave.
+    told: the logs without rows that noise decides; left: the share of the misfit that their effects leave; finds: the
+    stage that finds an effect.
     """
     calls = []
 
     def select(logs, nominal, say, most=6, least=NOISE, promising=0.0, begun=None, start=None):
         calls.append((most, least))
-        fit = SimpleNamespace(effects=("backlash",) if promising else (), nominal=())
+        fit = SimpleNamespace(effects=("backlash",) if promising or (most, least) == finds else (), nominal=())
         return SimpleNamespace(fit=fit, ladder=[SimpleNamespace(fit=None)], nominal=())
 
     stubs = {"select": select, "refit": lambda *_: None, "as_far_as_others": lambda freedom, _: freedom}
@@ -42,8 +48,14 @@ def stages(
     return calls
 
 
-def test_a_log_that_the_nominal_model_explains_is_tried_no_further(monkeypatch) -> None:
-    assert stages(monkeypatch, 0.5 * WELL_EXPLAINED, 0.0) == [(0, NOISE)]
+def test_in_a_log_that_the_nominal_model_explains_only_an_effect_that_stands_alone_is_sought(monkeypatch) -> None:
+    assert stages(monkeypatch, 0.5 * WELL_EXPLAINED, 0.0) == [(0, NOISE), (1, WELL_EXPLAINED)]
+
+
+def test_an_effect_that_stands_alone_has_to_do_so_beside_free_numbers(monkeypatch) -> None:
+    alone = (1, WELL_EXPLAINED)
+    found = stages(monkeypatch, 0.5 * WELL_EXPLAINED, 0.0, finds=alone)
+    assert found == [(0, NOISE), alone, (0, NOISE), (6, WELL_EXPLAINED)]
 
 
 def test_what_few_effects_explain_in_every_channel_needs_no_free_numbers(monkeypatch) -> None:
