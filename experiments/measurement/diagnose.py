@@ -104,15 +104,28 @@ def _selected(
     tiny = NEGLIGIBLE * excess(evidence, strict.ladder[0].fit)
     if excess(evidence, strict.fit) <= max(WELL_EXPLAINED, tiny) and not leaves_more(evidence, strict):
         return evidence, strict
-    told = judged_rows(evidence, strict)
-    if told is not None:
-        say("trying again without the rows that noise decides")
-        evidence = told
-        strict = select(evidence, given, say, most, promising=promising)
-        if strict.fit.effects and unexplained(evidence, strict) < ROUGH:
-            return evidence, strict
-    freed = _freed(evidence, freedom, say)
-    return evidence, freed if _better(evidence, freed, strict) else strict
+    evidence, strict, told = _where_told(
+        evidence, strict, lambda logs: select(logs, given, say, most, promising=promising)
+    )
+    if told:
+        return evidence, strict
+    evidence, freed, told = _where_told(
+        evidence, _freed(evidence, freedom, say), lambda logs: _freed(logs, freedom, say)
+    )
+    return evidence, freed if told or _better(evidence, freed, strict) else strict
+
+
+def _where_told(
+    evidence: tuple[Evidence, ...], selection: Selection, again: Callable[[tuple[Evidence, ...]], Selection]
+) -> tuple[tuple[Evidence, ...], Selection, bool]:
+    """A selection, made again without the rows that only noise decides, if effects then explain the others roughly;
+    and whether they do."""
+    judged = judged_rows(evidence, selection)
+    if judged is None:
+        return evidence, selection, False
+    found = again(judged)
+    told = bool(found.fit.effects) and unexplained(judged, found) < ROUGH
+    return (judged, found, True) if told else (evidence, selection, False)
 
 
 def _freed(evidence: tuple[Evidence, ...], freedom: Sequence[Nominal], say: Callable[[str], None]) -> Selection:

@@ -76,7 +76,7 @@ def test_without_the_rows_that_noise_decides_the_nominal_numbers_are_tried_again
     again = stages(monkeypatch, 4.0 * WELL_EXPLAINED, 1e6, (log,), 0.5 * diagnose.ROUGH)
     assert again == [(0, NOISE), (6, NOISE), (6, NOISE)]
     further = stages(monkeypatch, 4.0 * WELL_EXPLAINED, 1e6, (log,), 2.0 * diagnose.ROUGH)
-    assert further == [*again, (0, NOISE), (6, NOISE)]
+    assert further == [*again, (0, NOISE), (6, NOISE), (0, NOISE), (6, NOISE)]  # and so are numbers a little off
 
 
 def test_ripple_lines_are_sought_in_what_is_left_at_the_fit(monkeypatch) -> None:
