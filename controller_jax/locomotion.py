@@ -132,9 +132,18 @@ def step(
     torque = joint_torques(forces.force, support.J_BF_C, support.weight_torque)
     targets = JointTargets(torque, position, jnp.repeat(1.0 - roles.support, 3))
     info = LocomotionInfo(
-        phase, phases.stance, roles.support, events, smoothed, plane, target, wrench_C,
-        force_C=forces.force, tracking_C=forces.wrench - wrench_C, foot=motion,
-    )  # fmt: skip
+        phase=phase,
+        planned_stance=phases.stance,
+        support=roles.support,
+        events=events,
+        command=smoothed,
+        plane=plane,
+        torso=target,
+        wrench_C=wrench_C,
+        force_C=forces.force,
+        tracking_C=forces.wrench - wrench_C,
+        foot=motion,
+    )
     return LocomotionState(phase, smoothed, trim, plane, memory, integrals, distribution), targets, info
 
 

@@ -104,28 +104,24 @@ def _selected(
     tiny = NEGLIGIBLE * excess(evidence, strict.ladder[0].fit)
     if excess(evidence, strict.fit) <= max(WELL_EXPLAINED, tiny) and not leaves_more(evidence, strict):
         return evidence, strict
-    evidence, strict, told = _where_told(
-        evidence, strict, lambda logs: select(logs, given, say, most, promising=promising)
-    )
-    if told:
-        return evidence, strict
-    evidence, freed, told = _where_told(
-        evidence, _freed(evidence, freedom, say), lambda logs: _freed(logs, freedom, say)
-    )
-    return evidence, freed if told or _better(evidence, freed, strict) else strict
+    told = _where_told(evidence, strict, lambda logs: select(logs, given, say, most, promising=promising))
+    if told is not None:
+        return told
+    freed = _freed(evidence, freedom, say)
+    told = _where_told(evidence, freed, lambda logs: _freed(logs, freedom, say))
+    return told or (evidence, freed if _better(evidence, freed, strict) else strict)
 
 
 def _where_told(
     evidence: tuple[Evidence, ...], selection: Selection, again: Callable[[tuple[Evidence, ...]], Selection]
-) -> tuple[tuple[Evidence, ...], Selection, bool]:
-    """A selection, made again without the rows that only noise decides, if effects then explain the others roughly;
-    and whether they do."""
+) -> tuple[tuple[Evidence, ...], Selection] | None:
+    """The logs without the rows that by a selection only noise decides, and the selection made again on them; None
+    where there are no such rows, or no effect explains the others roughly."""
     judged = judged_rows(evidence, selection)
     if judged is None:
-        return evidence, selection, False
+        return None
     found = again(judged)
-    told = bool(found.fit.effects) and unexplained(judged, found) < ROUGH
-    return (judged, found, True) if told else (evidence, selection, False)
+    return (judged, found) if found.fit.effects and unexplained(judged, found) < ROUGH else None
 
 
 def _freed(evidence: tuple[Evidence, ...], freedom: Sequence[Nominal], say: Callable[[str], None]) -> Selection:

@@ -12,7 +12,7 @@ from experiments.measurement.evidence.drive_evidence import FELT_BY_DRIVES
 from experiments.measurement.evidence.parts import Part, Rest, enough
 from experiments.measurement.fits.fit_types import Placed, Refitted
 from experiments.measurement.fits.refit import _plausible
-from experiments.measurement.selection import finalists
+from experiments.measurement.selection import finalists, select
 from experiments.measurement.selection import verdict as verdicts
 from experiments.measurement.selection.belief import Finalist, loud, plain, simplest, told_from_none
 from experiments.measurement.selection.choice import Judge
@@ -90,6 +90,35 @@ def test_a_score_is_held_against_the_noise_of_the_parts_where_it_acts(
 def test_below_the_floor_an_effect_is_tried_that_alone_stands_out(gain: float, other: float, tried: bool) -> None:
     ripple = [Scored(LIBRARY["torque_ripple"], where, gain, {}, None) for where in ("HAA", "all")]
     assert stands_alone([*ripple, Scored(LIBRARY["backlash"], "KFE", other, {}, None)]) == tried
+
+
+@pytest.mark.parametrize(
+    ("excess", "rest", "refitted"), [(0.01, 0.0, "alone"), (0.01, 9e9, "alone"), (0.03, 9e9, "all")]
+)
+def test_where_a_log_is_explained_only_an_effect_that_stands_alone_is_refitted(
+    monkeypatch: pytest.MonkeyPatch, excess: float, rest: float, refitted: str
+) -> None:
+    """Whatever channels have above the floor: what is looked for is told by the excess that an effect is sought to."""
+    asked: list[str] = []
+    scores = {"alone": [900.0, 100.0], "among others": [900.0, 800.0]}
+    for name, gains in scores.items():
+        ranking = [Scored(LIBRARY[e], "all", g, {}, None) for e, g in zip(("backlash", "payload"), gains, strict=True)]
+        round_ = SimpleNamespace(refitted=lambda fit, ranking, name=name: asked.append(name) or [], test=[])
+        stubs = {
+            "_scored": lambda *_, r=(ranking, round_): r,
+            "excess": lambda *_: excess,
+            "above_floor": lambda *_: rest,
+        }
+        stubs |= {"weight_of": lambda *_: 0.0, "stands_out": lambda *_: False, "at_other_joints": lambda *_: []}
+        for stub, function in stubs.items():
+            monkeypatch.setattr(select, stub, function)
+        fit = SimpleNamespace(effects=(), total=0.0)
+        rung = Rung("nominal model", fit, fit)
+        selection = SimpleNamespace(fit=fit, ladder=[rung], refitted=[], refuted=[], elsewhere=None)
+        log = SimpleNamespace(blocks=1, atoms=SimpleNamespace(joint_names=JOINT_NAMES))
+        monkeypatch.setattr(select, "all_blocks", lambda logs: [])
+        assert select._next([log], selection, 0.02, 0.0, lambda text: None) is None
+    assert asked == (["alone"] if refitted == "alone" else list(scores))
 
 
 @pytest.mark.parametrize(

@@ -52,8 +52,7 @@ def select(
         begun = Rung("nominal model", fit, refit(logs, (), nominal, fit, train, SHORT_FIT))
     selection = Selection(begun.fit, nominal, Elsewhere(logs, nominal), ladder=[begun])
     while len(selection.fit.effects) < most:
-        quiet = excess(logs, selection.fit) <= least
-        chosen = _next(logs, selection, promising, quiet, say)
+        chosen = _next(logs, selection, least, promising, say)
         if chosen is None:
             break
         _add(selection, chosen, refit(logs, chosen.winner.fit.effects, nominal, chosen.winner.fit))
@@ -64,9 +63,10 @@ def select(
 
 
 def _next(
-    logs: Sequence[Evidence], selection: Selection, promising: float, quiet: bool, say: Callable[[str], None]
+    logs: Sequence[Evidence], selection: Selection, least: float, promising: float, say: Callable[[str], None]
 ) -> Choice | None:
     """One round: the effect that is proven beside those found, and its rivals; None where there is none."""
+    quiet = excess(logs, selection.fit) <= least
     more = leaves_more(logs, selection) and not quiet
     if selection.fit.effects and not more:
         return None
