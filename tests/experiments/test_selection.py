@@ -92,33 +92,32 @@ def test_below_the_floor_an_effect_is_tried_that_alone_stands_out(gain: float, o
     assert stands_alone([*ripple, Scored(LIBRARY["backlash"], "KFE", other, {}, None)]) == tried
 
 
-@pytest.mark.parametrize(
-    ("excess", "rest", "refitted"), [(0.01, 0.0, "alone"), (0.01, 9e9, "alone"), (0.03, 9e9, "all")]
-)
-def test_where_a_log_is_explained_only_an_effect_that_stands_alone_is_refitted(
-    monkeypatch: pytest.MonkeyPatch, excess: float, rest: float, refitted: str
-) -> None:
-    """Whatever channels have above the floor: what is looked for is told by the excess that an effect is sought to."""
-    asked: list[str] = []
-    scores = {"alone": [900.0, 100.0], "among others": [900.0, 800.0]}
-    for name, gains in scores.items():
-        ranking = [Scored(LIBRARY[e], "all", g, {}, None) for e, g in zip(("backlash", "payload"), gains, strict=True)]
-        round_ = SimpleNamespace(refitted=lambda fit, ranking, name=name: asked.append(name) or [], test=[])
-        stubs = {
-            "_scored": lambda *_, r=(ranking, round_): r,
-            "excess": lambda *_: excess,
-            "above_floor": lambda *_: rest,
-        }
-        stubs |= {"weight_of": lambda *_: 0.0, "stands_out": lambda *_: False, "at_other_joints": lambda *_: []}
-        for stub, function in stubs.items():
-            monkeypatch.setattr(select, stub, function)
-        fit = SimpleNamespace(effects=(), total=0.0)
-        rung = Rung("nominal model", fit, fit)
-        selection = SimpleNamespace(fit=fit, ladder=[rung], refitted=[], refuted=[], elsewhere=None)
-        log = SimpleNamespace(blocks=1, atoms=SimpleNamespace(joint_names=JOINT_NAMES))
-        monkeypatch.setattr(select, "all_blocks", lambda logs: [])
-        assert select._next([log], selection, 0.02, 0.0, lambda text: None) is None
-    assert asked == (["alone"] if refitted == "alone" else list(scores))
+def done(monkeypatch: pytest.MonkeyPatch, excess: float, gains: list[float], found: tuple[str, ...] = ()) -> list[str]:
+    """What a round does that finds nothing, beside effects found, in a log that leaves much above its floor."""
+    did: list[str] = []
+    ranking = [Scored(LIBRARY[e], "all", g, {}, None) for e, g in zip(("backlash", "payload"), gains, strict=True)]
+    round_ = SimpleNamespace(refitted=lambda fit, ranking: did.append("refitted") or [], test=[])
+    stubs = {"_scored": lambda *_: did.append("scored") or (ranking, round_), "excess": lambda *_: excess}
+    stubs |= {"weight_of": lambda *_: 0.0, "all_blocks": lambda *_: []}
+    stubs |= {"leaves_more": lambda *_: True, "stands_out": lambda *_: False, "at_other_joints": lambda *_: []}
+    for name, stub in stubs.items():
+        monkeypatch.setattr(select, name, stub)
+    fit = SimpleNamespace(effects=found, total=0.0)
+    selection = SimpleNamespace(
+        fit=fit, ladder=[Rung("nominal model", fit, fit)], refitted=[], refuted=[], elsewhere=None
+    )
+    log = SimpleNamespace(blocks=1, atoms=SimpleNamespace(joint_names=JOINT_NAMES))
+    assert select._next([log], selection, 0.02, 0.0, lambda text: None) is None
+    return did
+
+
+def test_in_a_log_that_is_explained_one_effect_is_refitted_and_only_if_it_stands_alone(monkeypatch) -> None:
+    alone, among_others = [900.0, 100.0], [900.0, 800.0]
+    assert done(monkeypatch, 0.03, among_others) == ["scored", "refitted"]
+    assert done(monkeypatch, 0.01, among_others) == ["scored"]
+    assert done(monkeypatch, 0.01, alone) == ["scored", "refitted"]
+    assert done(monkeypatch, 0.01, alone, ("backlash",)) == []
+    assert done(monkeypatch, 0.03, alone, ("backlash",)) == ["scored", "refitted"]
 
 
 @pytest.mark.parametrize(
