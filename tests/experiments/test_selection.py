@@ -14,13 +14,20 @@ from experiments.measurement.fits.fit_types import Placed, Refitted
 from experiments.measurement.fits.refit import _plausible
 from experiments.measurement.selection import finalists, select
 from experiments.measurement.selection import verdict as verdicts
-from experiments.measurement.selection.belief import Finalist, loud, plain, simplest, told_from_none
+from experiments.measurement.selection.belief import (
+    Finalist,
+    at_end_of_shape,
+    loud,
+    plain,
+    simplest,
+    told_from_none,
+)
 from experiments.measurement.selection.choice import Judge
 from experiments.measurement.selection.finalists import Round, at_other_joints
 from experiments.measurement.selection.ladder import Rung, Selection
 from experiments.measurement.selection.linear_score import Scored
 from experiments.measurement.selection.pruning import take_out_idle, take_out_unsure
-from experiments.measurement.selection.select import _promises, stands_alone, stands_out
+from experiments.measurement.selection.select import _promises, stands_out
 from mjx_starleth.names import JOINT_NAMES
 
 NOISE, BEFORE = 1000.0, 9000.0  # chi^2 of noise alone, and without any effect
@@ -86,16 +93,10 @@ def test_a_score_is_held_against_the_noise_of_the_parts_where_it_acts(
     assert stands_out([Scored(LIBRARY[name], where, gain, {}, None)], [log]) == tried
 
 
-@pytest.mark.parametrize(("gain", "other", "tried"), [(799.0, 156.0, True), (799.0, 230.0, False), (551.0, 9.0, False)])
-def test_below_the_floor_an_effect_is_tried_that_alone_stands_out(gain: float, other: float, tried: bool) -> None:
-    ripple = [Scored(LIBRARY["torque_ripple"], where, gain, {}, None) for where in ("HAA", "all")]
-    assert stands_alone([*ripple, Scored(LIBRARY["backlash"], "KFE", other, {}, None)]) == tried
-
-
-def done(monkeypatch: pytest.MonkeyPatch, excess: float, gains: list[float], found: tuple[str, ...] = ()) -> list[str]:
+def done(monkeypatch: pytest.MonkeyPatch, excess: float, found: tuple[str, ...] = ()) -> list[str]:
     """What a round does that finds nothing, beside effects found, in a log that leaves much above its floor."""
     did: list[str] = []
-    ranking = [Scored(LIBRARY[e], "all", g, {}, None) for e, g in zip(("backlash", "payload"), gains, strict=True)]
+    ranking = [Scored(LIBRARY[name], "all", 900.0, {}, None) for name in ("backlash", "payload")]
     round_ = SimpleNamespace(refitted=lambda fit, ranking: did.append("refitted") or [], test=[])
     stubs = {"_scored": lambda *_: did.append("scored") or (ranking, round_), "excess": lambda *_: excess}
     stubs |= {"weight_of": lambda *_: 0.0, "all_blocks": lambda *_: []}
@@ -112,12 +113,13 @@ def done(monkeypatch: pytest.MonkeyPatch, excess: float, gains: list[float], fou
 
 
 def test_in_a_log_that_is_explained_one_effect_is_refitted_and_only_if_it_stands_alone(monkeypatch) -> None:
-    alone, among_others = [900.0, 100.0], [900.0, 800.0]
-    assert done(monkeypatch, 0.03, among_others) == ["scored", "refitted"]
-    assert done(monkeypatch, 0.01, among_others) == ["scored"]
-    assert done(monkeypatch, 0.01, alone) == ["scored", "refitted"]
-    assert done(monkeypatch, 0.01, alone, ("backlash",)) == []
-    assert done(monkeypatch, 0.03, alone, ("backlash",)) == ["scored", "refitted"]
+    monkeypatch.setattr(select, "lone", lambda logs, fit, ranking, round_: [])
+    assert done(monkeypatch, 0.03) == ["scored", "refitted"]
+    assert done(monkeypatch, 0.01) == ["scored"]
+    monkeypatch.setattr(select, "lone", lambda logs, fit, ranking, round_: ranking[:1])
+    assert done(monkeypatch, 0.01) == ["scored", "refitted"]
+    assert done(monkeypatch, 0.01, ("backlash",)) == []
+    assert done(monkeypatch, 0.03, ("backlash",)) == ["scored", "refitted"]
 
 
 @pytest.mark.parametrize(
@@ -134,6 +136,15 @@ def test_in_a_log_that_is_explained_one_effect_is_refitted_and_only_if_it_stands
 def test_an_effect_is_not_believed_whose_interval_holds_none(name, values, spread, believed) -> None:
     fit = Refitted((Placed(name, "all", values),), np.zeros(0), np.zeros(0), (), (), np.diag(np.square(spread)))
     assert told_from_none(LIBRARY[name], fit) == believed
+
+
+@pytest.mark.parametrize(("velocity", "ended"), [(0.005, True), (3.0, True), (0.0191, False)])
+def test_a_law_is_another_one_where_the_shape_that_makes_it_stands_at_its_end(velocity: float, ended: bool) -> None:
+    placed = Placed("stribeck_friction", "KFE", {"torque": -0.003, "velocity": velocity})
+    fit = Refitted((placed,), np.zeros(0), np.zeros(0), (), (), np.zeros((2, 2)))
+    assert at_end_of_shape(LIBRARY["stribeck_friction"], fit) == ended
+    load = Placed("payload", "torso", {"mass": 2.0, "x": 0.4, "y": 0.0, "z": 0.0})  # on the torso's edge it is a load
+    assert not at_end_of_shape(LIBRARY["payload"], replace(fit, effects=(load,)))
 
 
 def test_an_effect_is_believed_of_whose_strengths_only_the_sum_is_known() -> None:

@@ -27,6 +27,7 @@ def untold(drive: DriveEvidence, x: np.ndarray, shift: np.ndarray) -> np.ndarray
 
 
 def without_untold(log: RobotEvidence, at: Point) -> RobotEvidence:
-    """The log without the rows that its replay at a point does not tell."""
-    told = log.drive.used * ~untold(log.drive, at.x, at.shift)
-    return replace(log, drive=replace(log.drive, used=told))
+    """The log without the rows that its replay at a point does not tell; the log itself, with all that it remembers,
+    where there are none."""
+    rows = untold(log.drive, at.x, at.shift)
+    return replace(log, drive=replace(log.drive, used=log.drive.used * ~rows)) if rows.any() else log

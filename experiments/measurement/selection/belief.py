@@ -23,6 +23,7 @@ MOST = 0.5  # of what is left where an effect acts
 NOTHING = 4.0  # of chi^2, by which joints differ that do not feel an effect
 COVERAGE, CONFIDENCE = 1.96, 0.95  # standard deviations to each side that an interval reaches, and what it holds
 OWN_ERROR = 0.0025  # of a parameter, standard deviation: on the second plant strong effects come out up to 0.4 % off
+NEAR_END = 1e-3  # of a bound: a fit that ends there wanted to go on
 SURELY = 1e-9  # of a strength: a smaller spread says no more
 LEAST_SPREAD = 1e-150  # whose square is a number yet
 DEGENERATE = 1e-6  # of the largest variance: less is rounding
@@ -59,6 +60,13 @@ def told_from_none(effect: Effect, fit: Refitted, k: int = -1) -> bool:
     strengths = np.array([value for name, value in values.items() if name in names])
     distance = _distance(strengths, covariance[np.ix_(here, here)])
     return bool(distance > scipy.stats.chi2.ppf(CONFIDENCE, len(strengths)))
+
+
+def at_end_of_shape(effect: Effect, fit: Refitted) -> bool:
+    """Whether a shape of a fit's last effect without which there is none stands at its end: the law is another one."""
+    values = fit.effects[-1].parameters
+    shapes = [p for p in effect.parameters if p.role == "shape" and p.low > 0]
+    return any(not p.low * (1.0 + NEAR_END) < values[p.name] < p.high * (1.0 - NEAR_END) for p in shapes)
 
 
 def _distance(x: np.ndarray, covariance: np.ndarray) -> float:

@@ -12,6 +12,7 @@ from experiments.measurement.selection.belief import (
     CLEAR_GAIN,
     MOST,
     Finalist,
+    at_end_of_shape,
     chi2_on,
     loud,
     plain,
@@ -55,6 +56,7 @@ class Judge(NamedTuple):
 
         Where so much is left that all intervals are wide, an effect may wait for a later one to tell it from none.
         """
+        finalists = [f for f in finalists if not at_end_of_shape(f.scored.effect, f.fit)]
         told = [self._told(f, finalists) for f in finalists]
         chosen = self._simplest([f for f, is_told in zip(finalists, told, strict=True) if is_told], sure=True)
         if chosen is not None:

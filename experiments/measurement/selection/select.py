@@ -18,11 +18,11 @@ from experiments.measurement.selection.elsewhere import Elsewhere
 from experiments.measurement.selection.finalists import FINALISTS, Round, at_other_joints
 from experiments.measurement.selection.ladder import Rung, Selection
 from experiments.measurement.selection.linear_score import Scored, best_of_each, scored_at
+from experiments.measurement.selection.lone import lone
 from experiments.measurement.selection.pruning import take_out_idle, take_out_needless, take_out_unsure
 
 MOST_EFFECTS = 6
 CLEAR_SHARE = 0.03  # of the noise where it acts, that a score has to be for an effect to be worth a try
-LONE_GAIN = 600.0  # linear score of an effect that alone stands out of the noise
 ALONE = 4.0  # times the next effect's linear score, from which the best one is worth a refit whatever it explains
 NEGLIGIBLE = 5e-6  # of the nominal model's misfit: what a strong effect's own equation may be wrong by
 LEAST_REST = 0.005  # of noise's own chi^2, above the floor: a smaller rest is no effect
@@ -40,7 +40,7 @@ def select(
     start: Refitted | None = None,
 ) -> Selection:
     """Add effects while held-out blocks say that each is there and chi^2 per residual exceeds 1 by over `least`; where
-    it does not, the first only if nothing else comes near its linear score.
+    it does not, the first only if it stands alone.
 
     None is refitted unless the best linear score takes the share `promising` of what chi^2 has over the noise, or is
     far above all others' (of a sharp effect it tells little). `begun` is the ladder's first rung, where it is known
@@ -72,8 +72,9 @@ def _next(
         return None
     ranking, round_ = _scored(logs, selection, say)
     over = selection.fit.total - weight_of(logs, all_blocks(logs))
-    worth = stands_alone(ranking) if quiet else more or stands_out(ranking, logs)
-    if not worth or not _promises(ranking, promising * over):
+    if not more and (quiet or not stands_out(ranking, logs)):
+        ranking = lone(logs, selection.fit, ranking, round_)
+    if not ranking or not _promises(ranking, promising * over):
         return None
     finalists = round_.refitted(selection.fit, ranking)
     selection.refitted.append(finalists)
@@ -117,16 +118,6 @@ def _promises(ranking: Sequence[Scored], least: float) -> bool:
     """Whether the best linear score reaches `least` or is ALONE times that of any other effect."""
     best, *others = best_of_each(ranking)
     return best.gain >= min(least, ALONE * max((s.gain for s in others), default=0.0))
-
-
-def stands_alone(ranking: Sequence[Scored]) -> bool:
-    """Whether an effect is worth a try though little is left: none other comes near its score.
-
-    What noise in the replay's own motion does looks like several effects at once. Of the 22 robots without an effect
-    that this was set on, the best score was 551, and the next one's 395.
-    """
-    best, *others = best_of_each(ranking)
-    return best.gain > max(LONE_GAIN, ALONE * max((s.gain for s in others), default=0.0))
 
 
 def stands_out(ranking: Sequence[Scored], logs: Sequence[Evidence]) -> bool:
