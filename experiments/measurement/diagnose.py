@@ -106,10 +106,15 @@ def _selected(
         return evidence, strict
     told = _where_told(evidence, strict, lambda logs: select(logs, given, say, most, promising=promising))
     if told is not None:
-        return told
+        evidence, strict = told
+        if len(strict.fit.effects) == 1:
+            return told
     freed = _freed(evidence, freedom, say)
-    told = _where_told(evidence, freed, lambda logs: _freed(logs, freedom, say))
-    return told or (evidence, freed if _better(evidence, freed, strict) else strict)
+    if told is None:
+        further = _where_told(evidence, freed, lambda logs: _freed(logs, freedom, say))
+        if further is not None:
+            return further
+    return evidence, freed if _better(evidence, freed, strict) else strict
 
 
 def _where_told(

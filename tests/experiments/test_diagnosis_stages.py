@@ -19,17 +19,19 @@ def stages(
     told: tuple | None = None,
     left: float = 1.0,
     finds: tuple[int, float] | None = None,
+    effects: int = 1,
 ) -> list[tuple[int, float]]:
     """Effects sought at most, and the excess they are sought down to, stage by stage; none explains anything.
 
     told: the logs without rows that noise decides; left: the share of the misfit that their effects leave; finds: the
-    stage that finds an effect.
+    stage that finds an effect; effects: how many those with the nominal numbers find.
     """
     calls = []
 
     def select(logs, nominal, say, most=6, least=NOISE, promising=0.0, begun=None, start=None):
         calls.append((most, least))
-        fit = SimpleNamespace(effects=("backlash",) if promising or (most, least) == finds else (), nominal=())
+        found = ("backlash",) * effects if promising or (most, least) == finds else ()
+        fit = SimpleNamespace(effects=found, nominal=())
         return SimpleNamespace(fit=fit, ladder=[SimpleNamespace(fit=None)], nominal=())
 
     stubs = {"select": select, "refit": lambda *_: None, "as_far_as_others": lambda freedom, _: freedom}
@@ -75,6 +77,8 @@ def test_without_the_rows_that_noise_decides_the_nominal_numbers_are_tried_again
     log = SimpleNamespace(standing=True, rigid=False, atoms=SimpleNamespace(effects=()))
     again = stages(monkeypatch, 4.0 * WELL_EXPLAINED, 1e6, (log,), 0.5 * diagnose.ROUGH)
     assert again == [(0, NOISE), (6, NOISE), (6, NOISE)]
+    several = stages(monkeypatch, 4.0 * WELL_EXPLAINED, 1e6, (log,), 0.5 * diagnose.ROUGH, effects=2)
+    assert several == [*again, (0, NOISE), (6, NOISE)]  # which may be numbers that are off, and one effect
     further = stages(monkeypatch, 4.0 * WELL_EXPLAINED, 1e6, (log,), 2.0 * diagnose.ROUGH)
     assert further == [*again, (0, NOISE), (6, NOISE), (0, NOISE), (6, NOISE)]  # and so are numbers a little off
 
