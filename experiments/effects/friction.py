@@ -68,7 +68,8 @@ EFFECTS = (
         "joint",
         (
             Parameter("torque", "N m at the rotor", -0.012, 0.2, 0.006),
-            Parameter("velocity", "rad/s at the gear output", 0.005, 3.0, 0.3, "shape"),
+            # a gear that is slower than 0.01 rad/s counts as held, and tells of no law
+            Parameter("velocity", "rad/s at the gear output", 0.015, 3.0, 0.3, "shape"),
         ),
         {"friction": _stribeck},
         seeds=({"velocity": 0.05}, {"velocity": 1.0}),

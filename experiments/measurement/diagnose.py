@@ -93,7 +93,7 @@ def _selected(
         if above_floor(evidence, strict.fit) > 0:
             return evidence, select(evidence, given, say, 1, promising=LEAST_STEP, begun=strict.ladder[0])
         alone = select(evidence, given, say, 1, least=WELL_EXPLAINED, begun=strict.ladder[0])
-        return evidence, _freed(evidence, freedom, say) if alone.fit.effects else strict
+        return evidence, _freed(evidence, freedom, say) if alone.fit.effects else alone
     if all(log.rigid for log in evidence):  # where a gain is all of the numbers in one
         numbers = select(evidence, freedom, say, most=0)
         if excess(evidence, numbers.fit) <= WELL_EXPLAINED:

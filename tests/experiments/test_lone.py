@@ -58,14 +58,15 @@ def test_bodies_alone_have_their_own_calm_log() -> None:
     assert unbiased_products(SimpleNamespace(drive=None), POINT, [], own) is own
 
 
-def found(monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, str, float, float]) -> list[str]:
+def found(monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, str, float, float], noise: float = 3000.0) -> list[str]:
     """Of effects at places, with their scores as they are and without noise's share: those that are sought."""
     variants = [SimpleNamespace(effect=LIBRARY[name]) for name, *_ in scores]
     as_is = [Scored(LIBRARY[n], where, gain, {}, v) for (n, where, gain, _), v in zip(scores, variants, strict=True)]
     less = [one._replace(gain=s[3]) for one, s in zip(as_is, scores, strict=True)]
     monkeypatch.setattr(module, "unbiased_products", lambda log, at, changes, own: own)
     monkeypatch.setattr(module, "scored_at", lambda *_: less)
-    log = SimpleNamespace(atoms=SimpleNamespace(joint_names=JOINT_NAMES))
+    monkeypatch.setattr(module, "noise_at", lambda effect, where, *_: noise)
+    log = SimpleNamespace(atoms=SimpleNamespace(joint_names=JOINT_NAMES), blocks=1)
     round_ = Round([log], (), [], [None], [], [], lambda text: None)
     ranking = sorted(as_is, key=lambda s: -s.gain)
     return [s.effect.name for s in lone([log], SimpleNamespace(points=[POINT]), ranking, round_)]
@@ -87,3 +88,10 @@ def test_an_effect_is_alone_though_another_at_its_place_explains_as_much_and_bot
     assert found(monkeypatch, offset, alike, less) == ["torque_sensor_offset", "direction_dependent_friction"]
     assert found(monkeypatch, offset, ("direction_dependent_friction", "LF_HAA", 300.0, 300.0)) == []
     assert found(monkeypatch, offset, ("ground_friction", "feet", 300.0, 300.0)) == []
+
+
+def test_a_score_has_to_be_something_beside_the_noise_where_it_acts_unless_it_is_large(monkeypatch) -> None:
+    spring, ripple = ("spring_stiffness", "RH_KFE", 182.0, 182.0), ("torque_ripple", "HAA", 799.0, 799.0)
+    assert found(monkeypatch, spring, noise=8700.0) == []
+    assert found(monkeypatch, spring, noise=5000.0) == ["spring_stiffness"]
+    assert found(monkeypatch, ripple, noise=38000.0) == ["torque_ripple"]

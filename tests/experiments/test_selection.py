@@ -138,7 +138,7 @@ def test_an_effect_is_not_believed_whose_interval_holds_none(name, values, sprea
     assert told_from_none(LIBRARY[name], fit) == believed
 
 
-@pytest.mark.parametrize(("velocity", "ended"), [(0.005, True), (3.0, True), (0.0191, False)])
+@pytest.mark.parametrize(("velocity", "ended"), [(0.015, True), (3.0, True), (0.0191, False)])
 def test_a_law_is_another_one_where_the_shape_that_makes_it_stands_at_its_end(velocity: float, ended: bool) -> None:
     placed = Placed("stribeck_friction", "KFE", {"torque": -0.003, "velocity": velocity})
     fit = Refitted((placed,), np.zeros(0), np.zeros(0), (), (), np.zeros((2, 2)))

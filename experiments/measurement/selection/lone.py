@@ -12,11 +12,14 @@ from experiments.effects.places import mask
 from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.evidence.unbiased import unbiased_products
 from experiments.measurement.fits.fit_types import Refitted
+from experiments.measurement.fits.footprint import noise_at
+from experiments.measurement.selection.belief import all_blocks
 from experiments.measurement.selection.finalists import Round
 from experiments.measurement.selection.linear_score import Scored, scored_at
 
-# Of the 20 robots without an effect that these were set on, the best score was 107, another one's elsewhere 44.
+# Of the robots without an effect that these were set on, the best score was 182 and 2 % of the noise.
 LONE_GAIN = 150.0  # of an effect that stands out of the noise
+LONE_SHARE, SURE_GAIN = 0.03, 600.0  # and that is such a share of the noise where it acts, or a score above all shares
 ALONE = 3.0  # times the best score of an effect that acts elsewhere
 RIVAL = 0.25  # of the best score: others there that have less do not explain the same
 
@@ -28,7 +31,8 @@ def lone(logs: Sequence[Evidence], fit: Refitted, ranking: Sequence[Scored], rou
     lower = without_noise(logs, fit, ranking, round_)
     best, names = lower[0], logs[0].atoms.joint_names
     elsewhere = max((s.gain for s in lower if not _meet(s, best, names)), default=0.0)
-    if best.gain < max(LONE_GAIN, ALONE * elsewhere):
+    share = LONE_SHARE * noise_at(best.effect, best.where, logs, all_blocks(logs))
+    if best.gain < max(LONE_GAIN, min(share, SURE_GAIN), ALONE * elsewhere):
         return []
     return [s for s in lower if s.gain > RIVAL * best.gain]
 
