@@ -106,11 +106,15 @@ def measure(found: list[Entry], rounds: int = ROUNDS) -> Iterator[dict[str, Any]
         }
 
 
+def _servo_model(numbers: RobotNumbers) -> mujoco.MjModel:
+    """The robot with joint servos and four foot contacts."""
+    servos = {"position_gains": (KP, KD), "armature": 0.05}
+    return mujoco.MjModel.from_xml_string(mjcf(numbers, solver_iterations=4, cone="pyramidal", **servos))
+
+
 def mujoco_c(numbers: RobotNumbers, threads: int, batch: int = 512, ticks: int = 200) -> Entry:
     """MuJoCo C's own batched rollout of the same robot with four foot contacts and joint servos."""
-    text = mjcf(numbers, solver_iterations=4, cone="pyramidal", position_gains=(KP, KD), armature=0.05)
-    m = mujoco.MjModel.from_xml_string(text)
-    stance, height = _stance(numbers)
+    m, (stance, height) = _servo_model(numbers), _stance(numbers)
     d = mujoco.MjData(m)
     d.qpos[2], d.qpos[7:] = height, stance
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -207,10 +211,7 @@ def closed_loop(model: Model, task: str = "squat_jump") -> Program:
 
 def mjx_step(model: Model, ticks: int = 100) -> Program:
     """MJX's own step with its Newton solver; kept at small batches, where it does not hang."""
-    numbers = model.numbers
-    text = mjcf(numbers, solver_iterations=4, cone="pyramidal", position_gains=(KP, KD), armature=0.05)
-    m = mujoco.MjModel.from_xml_string(text)
-    stance, height = _stance(numbers)
+    m, (stance, height) = _servo_model(model.numbers), _stance(model.numbers)
     with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
         mx, first = mjx.put_model(m), mjx.make_data(m)
 

@@ -23,6 +23,7 @@ import jax
 import numpy as np
 
 from es import Checkpointer, CheckpointError, SearchInterrupted
+from es.checkpoint_files import first_line
 from experiments.errors import UserError
 from experiments.run_folder import RunFolder, open_run
 
@@ -55,9 +56,9 @@ def join(coordinator: str | None, processes: int | None, process: int | None) ->
         jax.distributed.initialize(coordinator, processes, process, initialization_timeout=WAIT)
     except (ValueError, RuntimeError, KeyError, OSError) as error:  # JaxRuntimeError is a RuntimeError
         if not missing:
-            raise UserError(f"the other processes cannot be reached ({_brief(error)}).") from None
+            raise UserError(f"the other processes cannot be reached ({first_line(error)}).") from None
         raise UserError(
-            f"no cluster was recognised ({_brief(error)}); give --coordinator host:port, --processes and --process."
+            f"no cluster was recognised ({first_line(error)}); give --coordinator host:port, --processes and --process."
         ) from None
 
 
@@ -195,10 +196,6 @@ def _lost_process() -> Iterator[None]:
         yield
     except jax.errors.JaxRuntimeError as error:
         raise UserError(
-            f"another process of this search has stopped ({_brief(error)}); "
+            f"another process of this search has stopped ({first_line(error)}); "
             "start all of them again with the same commands, the search continues from its last checkpoint."
         ) from None
-
-
-def _brief(error: BaseException) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0][:160]

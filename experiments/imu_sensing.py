@@ -10,11 +10,12 @@ import numpy as np
 from controller_jax import state_estimator
 from controller_jax.geometry import geometry_from_numbers
 from controller_jax.state_estimator import EstimatorParams, EstimatorState, SensorReading
-from controller_jax.types import LegGeometry
+from controller_jax.types import LegGeometry, RobotState
 from experiments.known_numbers import known_numbers
 from experiments.model import Model
 from experiments.plant import PlantState
 from experiments.sensing import NOISE, DirectSensing, Sensing, contact_flags, noisy_joints, rotation_matrix
+from sea_jax import JointMeasurement
 
 Array = jax.Array
 
@@ -63,7 +64,9 @@ class EstimatedSensing:
         q, u = plant.bodies.q, plant.bodies.u
         return ImuState(state_estimator.init(self.params, q[:3], rotation_matrix(q[3:7]), u[:3]), u[:3])
 
-    def step(self, state, plant, measurement, noise):
+    def step(
+        self, state: ImuState, plant: PlantState, measurement: JointMeasurement, noise: Array
+    ) -> tuple[ImuState, RobotState, JointMeasurement]:
         measurement = noisy_joints(measurement, noise)
         q, u = plant.bodies.q, plant.bodies.u
         up = jnp.array([0.0, 0.0, self.gravity], jnp.float32)

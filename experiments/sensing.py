@@ -51,7 +51,9 @@ class DirectSensing:
     def start(self, plant: PlantState) -> tuple[()]:
         return ()
 
-    def step(self, state, plant, measurement, noise):
+    def step(
+        self, state: tuple[()], plant: PlantState, measurement: JointMeasurement, noise: Array
+    ) -> tuple[tuple[()], RobotState, JointMeasurement]:
         measurement = noisy_joints(measurement, noise)
         q, u = plant.bodies.q, plant.bodies.u
         R_WB = rotation_matrix(q[3:7])

@@ -10,6 +10,7 @@ import numpy as np
 
 from experiments.effects.compose import EffectNumbers
 from experiments.effects.ground import tilt as tilt_ground
+from experiments.effects.inertia import scaled
 from experiments.plant import Plant, PlantParams
 from experiments.sensing import NOISE
 from mjx_starleth.terrain import Terrain
@@ -34,13 +35,11 @@ def _bodies(change: Callable) -> Callable:
 
 
 def _torso_mass(bodies, x):
-    factor = jnp.ones(13, jnp.float32).at[0].set(x)
-    return bodies._replace(mass=bodies.mass * factor, inertia=bodies.inertia * factor[:, None])
+    return scaled(bodies, jnp.ones(13, jnp.float32).at[0].set(x))
 
 
 def _link_mass(bodies, x):
-    factor = jnp.full(13, x).at[0].set(1.0)
-    return bodies._replace(mass=bodies.mass * factor, inertia=bodies.inertia * factor[:, None])
+    return scaled(bodies, jnp.full(13, x).at[0].set(1.0))
 
 
 def _shift_com(bodies, axis, x):

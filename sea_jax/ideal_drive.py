@@ -5,7 +5,7 @@ In position mode the PD acts on the measured values, carried on by the true moti
 
 import jax.numpy as jnp
 
-from sea_jax.hooks import apply_hooks, no_signals
+from sea_jax.hooks import apply_hooks, link_signals
 from sea_jax.parameters import DriveParams, LoopPeriods
 from sea_jax.types import (
     DriveHooks,
@@ -26,9 +26,7 @@ def ideal_drive(
 ) -> tuple[DriveState, DriveOutput]:
     """One control period of drives without actuator; only hooks of command and measurement act. All (J,)."""
     command, measurement, motion = inputs
-    signals = no_signals(motion.position, periods.control)._replace(
-        joint_position=motion.position, joint_velocity=motion.velocity
-    )
+    signals = link_signals(motion, periods.control)
     command, memory = apply_hooks(hooks, "command", command, signals, state.memory)
     measurement, memory = apply_hooks(hooks, "measurement", measurement, signals, memory)
 

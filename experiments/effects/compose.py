@@ -21,6 +21,7 @@ from sea_jax import DriveHooks
 Array = jax.Array
 EffectNumbers = tuple[dict[str, Array], ...]
 
+NUMBERS = frozenset({"drive_parameters", "body_parameters"})
 DRIVE_HOOKS = (
     "command",
     "measurement",
@@ -47,6 +48,8 @@ class ActiveEffects:
     def apply(self, hook: str, numbers: EffectNumbers, value: Any, signals: Any = None) -> Any:
         """Apply the memoryless equations at a hook to a value, in order, given what they may look at."""
         for _, equation, p in self._at(hook, numbers):
+            if hook in NUMBERS:  # the nominal ones are NumPy's, whose arrays lack `at`
+                value = jax.tree.map(jnp.asarray, value)
             value = equation(p, value, signals)
         return value
 

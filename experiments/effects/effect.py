@@ -5,14 +5,16 @@ places where it acts: one value per joint, link or foot, with every strength zer
 never sees a place, and with its strengths at zero it must return its value unchanged.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 Axis = Literal["joint", "link", "foot", "torso", "ground"]
 ONE_PLACE = frozenset({"torso", "ground"})  # axes along which an effect's parameters are scalars
 Part = Literal["drive", "bodies", "contact", "sensors"]
+NAME = r"[\w.-]{1,80}"  # of an effect: it stands before the @ of a place, and in model files
 
 # An equation gets, beside the value, what it may look at (sea_jax.Signals), as far as it exists at its hook; those that
 # act once, `measured_motion`, the timings and `torso_force` get None. Replays of logs undo a `measurement`: one
@@ -53,6 +55,8 @@ class Parameter:
     role: Literal["strength", "shape"] = "strength"
 
     def __post_init__(self) -> None:
+        if not self.name.isidentifier():
+            raise ValueError(f"parameter '{self.name}': equations read it as p.<name>, so it must be a Python name")
         if not self.low <= self.start <= self.high:
             raise ValueError(f"parameter {self.name}: start {self.start} lies outside [{self.low}, {self.high}]")
         if self.role == "strength" and not self.low <= 0.0 <= self.high:
@@ -84,6 +88,15 @@ class Effect:
     seeds: tuple[Mapping[str, float], ...] = field(default=(), hash=False)
 
     def __post_init__(self) -> None:
+        if not re.fullmatch(NAME, self.name):
+            raise ValueError(f"effect '{self.name}': a name has 1 to 80 letters, digits, _, - and dots")
+        for what, value, known in (("part", self.part, get_args(Part)), ("axis", self.axis, get_args(Axis))):
+            if value not in known:
+                raise ValueError(f"effect {self.name}: no {what} '{value}'; use one of {', '.join(known)}")
+        if not isinstance(self.parameters, tuple) or not all(isinstance(p, Parameter) for p in self.parameters):
+            raise ValueError(f"effect {self.name}: parameters must be a tuple of Parameter (one alone: with a comma)")
+        if len({p.name for p in self.parameters}) < len(self.parameters):
+            raise ValueError(f"effect {self.name}: two parameters have the same name")
         unknown = set(self.equations) - set(HOOKS)
         if unknown:
             raise ValueError(f"effect {self.name}: no hook {sorted(unknown)}; the hooks are {', '.join(HOOKS)}")

@@ -2,9 +2,13 @@
 
 from math import cos, pi, sin
 
+import jax
 import jax.numpy as jnp
 
 from experiments.effects.effect import Effect, Parameter
+from mjx_starleth.body_types import BodyParams
+
+Array = jax.Array
 
 ASIDE = tuple(k * pi / 4 for k in range(8))  # rad from forwards
 OFF_CENTRE = 0.15  # m from the torso's origin at which a load is looked for on each side, most of half its width
@@ -34,9 +38,13 @@ def _with_torso(values, torso):
     return jnp.concatenate([jnp.reshape(torso, (1, *values.shape[1:])), values[1:]])
 
 
-def _link_mass(p, bodies, _):
-    factor = jnp.concatenate([jnp.ones(1, jnp.float32), 1.0 + p.relative])
+def scaled(bodies: BodyParams, factor: Array) -> BodyParams:
+    """Bodies of other density: each mass and inertia `factor` (13,) times as large."""
     return bodies._replace(mass=bodies.mass * factor, inertia=bodies.inertia * factor[:, None])
+
+
+def _link_mass(p, bodies, _):
+    return scaled(bodies, jnp.concatenate([jnp.ones(1, jnp.float32), 1.0 + p.relative]))
 
 
 def _link_com(p, bodies, _):

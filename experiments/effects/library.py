@@ -6,6 +6,7 @@ from pathlib import Path
 
 from experiments.effects import delay, friction, ground, inertia, link, motor, sensors, transmission
 from experiments.effects.effect import Effect
+from experiments.effects.rehearsal import refuse_faulty
 from experiments.errors import UserError
 from experiments.files import shown
 
@@ -47,6 +48,11 @@ def _from_file(path: Path) -> tuple[Effect, ...]:
     except (Exception, SystemExit) as error:
         raise UserError(f"{shown(path)} does not run: {shown(f'{type(error).__name__}: {error}')}.") from error
     found = getattr(module, "EFFECTS", None) or (getattr(module, "EFFECT", None),)
-    if not all(isinstance(effect, Effect) for effect in found):
+    if not isinstance(found, tuple | list) or not all(isinstance(effect, Effect) for effect in found):
         raise UserError(f"{path} must bind EFFECT to an experiments.effects.Effect (or EFFECTS to several).")
+    try:
+        for effect in found:
+            refuse_faulty(effect)
+    except ValueError as error:
+        raise UserError(f"{shown(path)}: {shown(str(error))}.") from error
     return tuple(found)

@@ -25,6 +25,7 @@ from experiments.independent_plant.numbers import (
 )
 
 CLAMP_HEIGHT = 1.0  # m, of the clamped torso
+UNSTABLE = [getattr(mujoco.mjtWarning, f"mjWARN_BAD{of}") for of in ("QPOS", "QVEL", "QACC")]
 # Contact as stiff as 0.1 ms steps bear: 66 N on a foot sink it by well under 0.1 mm.
 CONTACT = 'solref="0.002 1" solimp="0.98 0.995 0.0005 0.5 2"'
 FRICTION_LOSS = 'solreffriction="0.001 1" solimpfriction="0.99 0.999 0.001 0.5 2"'
@@ -244,4 +245,6 @@ class Bodies:
     def fallen(self) -> Array:
         """Whether the bodies left all reason: not a number, or the torso on the ground or far above it."""
         height = self.torso_pose()[0][:, 2] if self.free else np.full(len(self.datas), CLAMP_HEIGHT)
-        return ~np.isfinite(self.velocity).all(axis=1) | ~((height > 0.12) & (height < 3.0))
+        # MuJoCo begins anew from its reference pose where numbers are huge or none
+        reset = [any(data.warning[kind].number for kind in UNSTABLE) for data in self.datas]
+        return np.array(reset) | ~np.isfinite(self.velocity).all(axis=1) | ~((height > 0.12) & (height < 3.0))

@@ -1,6 +1,7 @@
 """Use the second StarlETH as the robot: play a command file on it, or let a jump's controller drive it."""
 
 import gzip
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from experiments.independent_plant.logs import columns, robot_info, write_log
 from experiments.independent_plant.numbers import JOINT_NAMES, Array
 from experiments.independent_plant.plant import PERIOD, Plant, Recording, run, simulate
 
+LONGEST = 600.0  # s, of a command file
 AIR_HEIGHT = 0.42  # m, the stance that legs in the air start from where no position is commanded
 
 
@@ -117,13 +119,15 @@ def read_command(path: Path) -> tuple[Array, Array]:
             names = file.readline().strip().split(",")
             lines = file.readlines()
             table = np.genfromtxt(lines, delimiter=",", ndmin=2) if lines else np.zeros((0, len(names)))
-    except (OSError, ValueError) as error:
+    except (OSError, EOFError, zlib.error, ValueError) as error:
         raise UserError(f"{path.name} cannot be read as a command table: {error}.") from None
     if "time" not in names or table.shape[1:] != (len(names),) or not len(table):
         raise UserError(f"{path.name} is no command table: it needs a column 'time' and as many cells as columns.")
     time = table[:, names.index("time")]
     if not np.isfinite(time).all() or (np.diff(time) <= 0.0).any():
         raise UserError(f"The times in {path.name} must be finite and increase from row to row.")
+    if time[-1] - time[0] > LONGEST:
+        raise UserError(f"{path.name} lasts {time[-1] - time[0]:g} s; play no more than {LONGEST:g} s at a time.")
     at = np.arange(round((time[-1] - time[0]) / PERIOD) + 1) * PERIOD + time[0]
     held = np.clip(np.searchsorted(time, at + 1e-9, side="right") - 1, 0, len(time) - 1)
     found = []
@@ -132,9 +136,17 @@ def read_command(path: Path) -> tuple[Array, Array]:
         known = [table[:, names.index(key)] if key in names else np.full(len(time), np.nan) for key in keys]
         found.append(np.stack(known, axis=1)[held])
     torque, position = found
+    if np.isinf(torque).any() or np.isinf(position).any():
+        raise UserError(f"{path.name} commands something infinite; leave the cell empty where nothing is asked.")
     if np.isnan(torque).all() and np.isnan(position).all():
         raise UserError(f"{path.name} commands no joint of the robot.")
     return np.where(np.isnan(torque) & np.isnan(position), 0.0, torque), position
+
+
+def refuse_broken(recording: Recording, fixed: bool) -> None:
+    """Raise UserError where a robot alone, hung up or not, came to move as none can."""
+    if (fixed and recording.fallen[0]) or not all(np.isfinite(values).all() for values in recording.true.values()):
+        raise UserError("The robot's simulation breaks down with these commands and what is hidden: hide or ask less.")
 
 
 def play_command(
@@ -158,6 +170,7 @@ def play_command(
         return Command(torque[k][None], position[k][None])
 
     recording = simulate(experiment, [setup], controller, start, len(torque) * PERIOD)
+    refuse_broken(recording, fixed=experiment == "fixed_base")
     info = robot_info(experiment, setup.sensors, list(recording.signals))
     write_log(Path(log), columns(recording, 0), info)
     return recording

@@ -10,7 +10,7 @@ from experiments.errors import UserError
 from experiments.independent_plant.generate import write_case
 from experiments.independent_plant.library import Effect
 from experiments.independent_plant.log_setup import LogSetup
-from experiments.independent_plant.play import play_command
+from experiments.independent_plant.play import play_command, refuse_broken
 from experiments.independent_plant.runner import PLATFORM, Case, record
 from experiments.independent_plant.sensors import SensorSettings
 
@@ -31,6 +31,8 @@ def parse_hidden(text: str) -> Effect:
         family(1).add(0, where, parameters, np.random.default_rng(0))
     except ValueError as error:
         raise UserError(f"{error}.") from None
+    if not np.isfinite(list(parameters.values())).all():
+        raise UserError(f"'{text}': a parameter is no finite number; give one in its unit.")
     if family.scaled not in parameters:
         units = ", ".join(f"{key} [{unit}]" for key, unit in family.units.items())
         raise UserError(f"How much {name}? Give its {family.scaled}; its parameters are {units}.")
@@ -52,5 +54,6 @@ def practise(
         return bool(play_command(Path(motion), log, setup=setup).fallen[0])
     case = Case(motion, effects=tuple(hidden), seed=seed, duration=duration, sensors=sensors)
     recording = record([case])
+    refuse_broken(recording, fixed=PLATFORM[motion] == "fixed_base")
     write_case(log, case, recording)
     return bool(recording.fallen[0])

@@ -1,5 +1,6 @@
 """The report of `starleth compare`: where the model fails, joint by regime, with and without its effects."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,7 @@ def maps(found: Comparison, label: str) -> list[Block]:
     return blocks
 
 
-def heat(values: np.ndarray, columns, rows) -> go.Figure:
+def heat(values: np.ndarray, columns: Sequence[str], rows: Sequence[str]) -> go.Figure:
     """A map on a logarithmic colour scale that starts at the noise."""
     figure = new_figure(height=120 + 24 * len(rows))
     shown = np.log10(np.maximum(values, 1.0))

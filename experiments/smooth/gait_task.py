@@ -67,9 +67,8 @@ class SmoothGait(GaitTask):
     def control(
         self, settings: Any, values: Array, state: Any, robot: RobotState, time: Array
     ) -> tuple[Any, JointTargets, Any]:
-        time, command = time + self.settled, settings.command
-        command = command._replace(turning=jnp.where(time >= settings.turn_start, command.turning, 0.0))
-        params = self.parameters(settings, values)
+        time = time + self.settled
+        command, params = settings.command_at(time), self.parameters(settings, values)
         state, targets, info = gait.control(
             self.widths,
             self.contact_force,

@@ -16,10 +16,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from controller_jax.types import RobotState
 from experiments.effects.effect import Effect
 from experiments.evaluation import Evaluation, Members
 from experiments.model import Model
-from experiments.plant import PlantParams, make_plant
+from experiments.plant import PlantParams, PlantState, make_plant
 from experiments.rollout import Rollout, Score
 from experiments.sensing import DirectSensing
 from experiments.smooth.contact import COMPLIANCE, smooth_contacts
@@ -31,6 +32,7 @@ from experiments.tasks.definition import TaskDefinition
 from experiments.tasks.registry import make_task
 from experiments.tasks.squat_jump import SquatJumpTask
 from experiments.trial import Trial
+from sea_jax import JointMeasurement
 
 Array = jax.Array
 
@@ -38,7 +40,9 @@ Array = jax.Array
 class SmoothSensing(DirectSensing):
     """Contact is the feet's force in N, not a flag."""
 
-    def step(self, state, plant, measurement, noise):
+    def step(
+        self, state: tuple[()], plant: PlantState, measurement: JointMeasurement, noise: Array
+    ) -> tuple[tuple[()], RobotState, JointMeasurement]:
         state, robot, measurement = super().step(state, plant, measurement, noise)
         return state, robot._replace(contact=foot_forces(plant.contact_force)), measurement
 

@@ -83,9 +83,7 @@ class GaitTask:
     def control(
         self, settings: GaitSettings, values: Array, state: LocomotionState, robot: RobotState, time: Array
     ) -> tuple[LocomotionState, JointTargets, locomotion.LocomotionInfo]:
-        command = settings.command
-        command = command._replace(turning=jnp.where(time >= settings.turn_start, command.turning, 0.0))
-        params = self.parameters(settings, values)
+        command, params = settings.command_at(time), self.parameters(settings, values)
         period = jnp.float32(self.period)
         state, targets, info = locomotion.step(params, settings.geometry, state, robot, command, time, period)
         return state, as_read(self.torque_sensors, targets), info

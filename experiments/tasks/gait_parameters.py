@@ -86,6 +86,10 @@ class GaitSettings(NamedTuple):
     flight: Array  # () wanted share of the stride with all feet in the air
     turn_start: Array  # () s, when the turning command sets in
 
+    def command_at(self, time: Array) -> VelocityCommand:
+        """The command at a time, s."""
+        return self.command._replace(turning=jnp.where(time >= self.turn_start, self.command.turning, 0.0))
+
 
 def with_values(controller: GaitParams, names: Sequence[str], values: Array) -> GaitParams:
     """The controller with values (n,) put in the places of their names."""

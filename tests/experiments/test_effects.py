@@ -1,5 +1,7 @@
 """Effects: off is off to the bit, on changes what it names, places are what they say, users' files join."""
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -182,6 +184,29 @@ def test_payload_is_the_parallel_axis_theorem() -> None:
         inertia = inertia + mass * (r @ r * np.eye(3) - np.outer(r, r))
     np.testing.assert_allclose(b.com[0], com, rtol=1e-5)
     np.testing.assert_allclose(b.inertia[0], np.diag(inertia), rtol=1e-5)
+
+
+def test_within_the_play_nothing_touches_not_even_the_damper() -> None:
+    equations = LIBRARY["backlash"].equations
+    p = SimpleNamespace(half_width=jnp.asarray([0.02, 0.02, 0.0]))
+    deflection = equations["deflection"](p, jnp.asarray([0.01, 0.05, 0.0]), None)
+    np.testing.assert_allclose(deflection, [0.0, 0.03, 0.0], atol=1e-7)
+    torque = equations["spring"](p, jnp.ones(3), SimpleNamespace(deflection=deflection))
+    assert torque.tolist() == [0.0, 1.0, 1.0]  # without play a deflection of zero is no gap
+
+
+def test_motors_that_brake_feed_the_others_and_not_the_supply() -> None:
+    sag = LIBRARY["bus_voltage_sag"].equations["supply_voltage"]
+    p = SimpleNamespace(resistance=jnp.full(2, 1.0), switching=jnp.ones(2))
+    volts = jnp.full(2, 48.0)
+
+    def left(powers):
+        currents = jnp.asarray(powers, jnp.float32) / 10.0
+        return float(sag(p, volts, SimpleNamespace(winding_voltage=jnp.full(2, 10.0), current=currents))[0])
+
+    # V = V_0 - R P / V at the supply: 48 V at 1 ohm
+    assert left([150.0, -50.0]) == pytest.approx(24.0 + np.sqrt(24.0**2 - 100.0), rel=1e-5)
+    assert left([50.0, -150.0]) == 48.0
 
 
 def test_places() -> None:

@@ -131,6 +131,12 @@ def test_biases_are_constant_and_of_the_size_asked_for() -> None:
     assert drawn.any(0).sum() == 12 + 12 + 3
 
 
+def test_a_bias_is_not_the_noise_of_a_tick() -> None:
+    bias = np.asarray(noise_row(trial(encoder_bias=NOISE.joint_position), jnp.int32(0)))[:12]
+    noise = np.asarray(jax.vmap(lambda k: noise_row(trial(sensor_noise=1.0), k))(jnp.arange(50)))[:, :12]
+    assert np.abs(noise - bias).max(1).min() > 0.1
+
+
 def test_the_sensor_noise_of_two_trials_is_not_the_same_noise() -> None:
     @jax.jit
     def window(start):

@@ -1,5 +1,6 @@
 """A log to practise on hides what its user asked for, and says in one sentence what cannot be hidden."""
 
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,8 @@ def test_an_effect_is_told_as_learn_is() -> None:
         ("payload@LH mass=2", "acts on torso"),
         ("backlash half=0.02", "no parameter"),
         ("backlash half_width=wide", "parameter=number"),
+        ("backlash half_width=nan", "no finite number"),
+        ("payload mass=inf", "no finite number"),
         ("payload x=0.1", "How much payload"),
     ],
 )
@@ -50,6 +53,38 @@ def test_a_log_is_that_of_the_motion_with_what_was_hidden(tmp_path: Path) -> Non
     apart = np.abs(plain.signals["joint_torque"].values - play.signals["joint_torque"].values).std(0)
     assert plain.rows == 800 and JOINT_NAMES[np.argmax(apart)] == "LH_KFE"
     assert not any("backlash" in path.read_text() for path in tmp_path.glob("*.json"))
+
+
+def test_a_simulation_that_breaks_down_leaves_no_log(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)  # where MuJoCo writes its warning
+    with pytest.raises(UserError, match="breaks down"):
+        practise("air", [parse_hidden("spring_stiffness change=-3")], tmp_path / "log", duration=2.0)
+    assert not list(tmp_path.glob("log*"))
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ("time,command_torque/LF_HAA\n0,0\n1e9,0\n", "no more than 600 s"),
+        ("time,command_torque/LF_HAA\n0,0\n1,inf\n", "infinite"),
+        ("time,command_torque/LF_HAA\n1,0\n0,0\n", "increase"),
+        ("time,command_torque/LF_HAA\n0,0\n1\n", "cannot be read"),
+        ("time,speed\n0,0\n1,0\n", "commands no joint"),
+        ("speed\n0\n", "a column 'time'"),
+    ],
+)
+def test_a_command_file_that_cannot_be_played_is_refused(tmp_path: Path, table: str, says: str) -> None:
+    (tmp_path / "next.csv").write_text(table)
+    with pytest.raises(UserError, match=says):
+        practise(str(tmp_path / "next.csv"), [], tmp_path / "log")
+    assert not list(tmp_path.glob("log*"))
+
+
+def test_a_command_file_that_was_cut_off_is_refused(tmp_path: Path) -> None:
+    packed = gzip.compress(b"time,command_torque/LF_HAA\n" + b"".join(b"%d,0.5\n" % k for k in range(100)))
+    (tmp_path / "next.csv.gz").write_bytes(packed[: len(packed) // 2])
+    with pytest.raises(UserError, match="cannot be read"):
+        practise(str(tmp_path / "next.csv.gz"), [], tmp_path / "log")
 
 
 def test_the_next_experiment_can_be_played(tmp_path: Path) -> None:
