@@ -50,9 +50,6 @@ QUARTER = np.pi / 200.0  # rad of the gear output, a quarter of a period of RIPP
         ("torque_ripple", "motor_torque", 2.0, RIPPLE, {"motor_position": QUARTER}, 2.0 + 0.2 + 0.01),
         ("backlash", "deflection", 0.005, {"half_width": 0.01}, {}, 0.0),
         ("backlash", "deflection", -0.05, {"half_width": 0.01}, {}, -0.04),
-        ("backlash", "spring", 3.0, {"half_width": 0.01}, {"deflection": 0.0}, 0.0),  # nor the damper, within the play
-        ("backlash", "spring", 3.0, {"half_width": 0.01}, {"deflection": 0.01}, 3.0),
-        ("backlash", "spring", 3.0, {"half_width": 0.0}, {"deflection": 0.0}, 3.0),
         ("spring_stiffening", "spring", 3.0, {"cubic": 100.0}, {"deflection": -0.2}, 2.2),
         ("joint_coulomb_drag", "joint_drag", 0.5, {"torque": 2.0}, {"joint_velocity": -1.0}, -1.5),
         ("joint_viscous_drag", "joint_drag", 0.5, {"coefficient": 0.2}, {"joint_velocity": -1.0}, 0.3),
