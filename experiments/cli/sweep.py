@@ -106,11 +106,14 @@ def _refuse_unknown(sweep: "Sweep", extra: "Extra") -> None:
     from experiments.sweep.definition import NOMINAL
     from experiments.sweep.member import TUNE
     from experiments.tasks.definition import load_task
+    from experiments.tune import parse_risk
 
     if extra.program != TUNE:
         return
     library = load_effects(extra.effects)
-    tasks = [load_task(task) for task in sweep.tasks]
+    tasks = [load_task(task).with_options(sweep.generations, sweep.population, sweep.trials) for task in sweep.tasks]
+    for task in tasks:
+        parse_risk(sweep.risk or "mean", sweep.alpha, task)
     for source in sweep.models:
         model = load_model(None if source == NOMINAL else Path(source), library)
         for task in tasks:

@@ -139,11 +139,7 @@ def _definition(
         definition = definition.going_on_from(found.values())
     if generations == 0 and not refine:
         raise UserError("--generations 0 searches nothing; give it --refine too, or generations.")
-    if generations:
-        definition = definition.with_generations(generations)
-    if population is not None:
-        definition = definition.with_population(population)
-    return definition if trials is None else definition.with_trials(trials)
+    return definition.with_options(generations, population, trials)
 
 
 def _search(options: "TuneOptions", folder: Path) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, Protocol
 
 from experiments.errors import UserError
+from experiments.files import shown
 from experiments.sweep.member import interrupt_running
 
 ExecutorName = Literal["local", "submitit", "dask"]
@@ -86,7 +87,11 @@ def _submitit(place: Place, folder: Path) -> Iterator[Executor]:
             return jobs[-1]
 
     try:
-        yield Executor()
+        executor = Executor()
+    except (RuntimeError, ValueError) as error:  # no such cluster, or it is not reached from this machine
+        raise UserError(f"submitit finds no cluster to run on ({shown(str(error))}); see --cluster.") from None
+    try:
+        yield executor
     finally:
         for job in jobs:
             if not job.done():

@@ -120,6 +120,13 @@ class TaskDefinition(Strict):
         """The same search with so many candidates in a generation."""
         return self.model_copy(update={"population": count}).bounded()
 
+    def with_options(self, generations: int | None, population: int | None, trials: int | None) -> "TaskDefinition":
+        """The same search with what is given of its size; 0 generations leave its stages. Raises UserError."""
+        asked = self.with_generations(generations) if generations else self
+        if population is not None:
+            asked = asked.with_population(population)
+        return asked if trials is None else asked.with_trials(trials)
+
     def bounded(self) -> "TaskDefinition":
         """Itself, unless a generation would not fit into any memory. Raises UserError."""
         trials = max(stage.trials for stage in self.stages)

@@ -9,7 +9,7 @@ import pytest
 from experiments.model import nominal_model
 from experiments.tasks.definition import load_task
 from experiments.tasks.gait import make_task
-from experiments.tasks.gait_score import CONE_EDGE, FALLEN_HEIGHT, GaitTally
+from experiments.tasks.gait_score import CONE_EDGE, FALLEN_HEIGHT, TERMS, GaitTally
 
 UP = np.float32([0.0, 0.0, 1.0])
 FEET = np.float32([[0.2, 0.2, 0.0], [0.2, -0.2, 0.0], [-0.2, 0.2, 0.0], [-0.2, -0.2, 0.0]])
@@ -72,6 +72,64 @@ def test_only_supporting_legs_are_charged_for_forces_near_the_cone(judge) -> Non
     force = jnp.asarray(100.0 * np.float32([[share * friction, 0.0, 1.0]] * 4))
     found = judge.observe(GaitTally.first(), tick(force_C=force, support=jnp.asarray([1.0, 0.0, 0.0, 0.0])))
     assert float(found.cone) == pytest.approx(judge.period * 0.1 / 4, rel=1e-3)
+
+
+def moved(q=None, u=None, **info) -> SimpleNamespace:
+    """A control period with parts of the pose q (19,) and the velocity u (18,) set: index to value."""
+    one = tick(**info)
+    bodies = one.after.bodies
+    for name, parts in (("q", q or {}), ("u", u or {})):
+        for index, value in parts.items():
+            setattr(bodies, name, getattr(bodies, name).at[index].set(value))
+    return one
+
+
+def test_unrest_is_rolling_and_pitching_off_the_plan_and_turning_is_counted_apart(judge) -> None:
+    found = judge.observe(GaitTally.first(), moved(u={3: 0.3, 4: -0.4, 5: 9.0}))
+    assert float(found.unrest) == pytest.approx(0.25 * judge.period, rel=1e-5)
+    assert float(found.turned) == pytest.approx(9.0 * judge.period, rel=1e-5)
+    planned = SimpleNamespace(omega_W=jnp.float32([0.3, 0.0, 0.0]))
+    found = judge.observe(GaitTally.first(), moved(u={3: 0.3, 4: -0.4}, torso=planned))
+    assert float(found.unrest) == pytest.approx(0.16 * judge.period, rel=1e-5)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_joint_is_charged_for_what_it_is_beyond_its_stop(judge, side: int) -> None:
+    limits = judge.settings.geometry.position_limits
+    middle = {7 + joint: x for joint, x in enumerate(np.mean(limits, 1))}
+    for beyond, charged in ((0.1, 0.1), (-0.1, 0.0)):
+        found = judge.observe(GaitTally.first(), moved(q=middle | {12: limits[5, side] + (2 * side - 1) * beyond}))
+        assert float(found.joint_stop) == pytest.approx(judge.period * charged, abs=1e-7)
+
+
+def test_the_way_made_is_along_and_across_the_torsos_heading(judge) -> None:
+    quarter = {3: np.sqrt(0.5), 6: np.sqrt(0.5)}  # to the left
+    found = judge.observe(GaitTally.first(), moved(q=quarter, u={0: -0.1, 1: 0.3}))
+    np.testing.assert_allclose(found.velocity_C, judge.period * np.array([0.3, 0.1]), atol=1e-7)
+
+
+def test_a_robot_on_its_side_has_fallen(judge) -> None:
+    for angle, fallen in ((0.8, 0.0), (1.2, 1.0)):
+        found = judge.observe(GaitTally.first(), moved(q={3: np.cos(angle / 2), 4: np.sin(angle / 2)}))
+        assert float(found.fallen) == fallen
+
+
+def test_the_cost_is_the_weighted_sum_of_rates(judge) -> None:
+    command, flight = judge.settings.command, float(judge.settings.flight)
+    tally = GaitTally.first()._replace(
+        time=jnp.float32(4.0),
+        upright=jnp.float32(judge.duration),
+        velocity_C=jnp.float32([2.0, 0.4]),
+        flight=jnp.float32(4.0 * 0.5 * flight),
+        slip=jnp.float32(1.2),
+        unrest=jnp.float32(1.0),
+    )
+    score = judge.score(tally, jnp.float32(0.0), jnp.float32(0.5))
+    expected = {"speed": abs(0.5 - command.heading), "drift": abs(0.1 - command.lateral), "slip": 0.3, "unrest": 0.5}
+    expected |= {"turning": abs(command.turning), "flight": 0.5}
+    for name in TERMS:
+        assert float(score.terms[name]) == pytest.approx(judge.weights[name] * float(expected.get(name, 0.0)), abs=1e-5)
+    assert float(score.cost) == pytest.approx(sum(map(float, score.terms.values())), rel=1e-6)
 
 
 def test_a_later_fall_costs_less_but_never_less_than_half(judge) -> None:

@@ -16,6 +16,7 @@ from experiments.measurement.intake import read_checked
 from experiments.measurement.logs.log import Log, SignalTable
 from experiments.measurement.logs.log_reader import read_log
 from experiments.measurement.logs.resample import resample
+from experiments.measurement.logs.units import to_si
 from experiments.model import nominal_model
 from mjx_starleth.numbers import load_numbers
 
@@ -67,6 +68,27 @@ def test_other_names_and_units_come_in_by_a_column_map(log: Log, tmp_path: Path)
     assert_same(read_checked(tmp_path / "run.npz", tmp_path / "map.toml", nominal_model()), log)
 
 
+@pytest.mark.parametrize(
+    ("number", "unit", "si", "expected"),
+    [
+        (250.0, "us", "s", 2.5e-4),
+        (180.0, "deg", "rad", np.pi),
+        (0.5, "rev", "rad", np.pi),
+        (60.0, "rpm", "rad/s", 2.0 * np.pi),
+        (90.0, "°/s", "rad/s", 0.5 * np.pi),
+        (3.6, "km/h", "m/s", 1.0),
+        (2.0, "g", "m/s^2", 19.6133),
+        (10.0, "kgf cm", "N m", 0.980665),
+        (50.0, "N cm", "N m", 0.5),
+        (50.0, "Nmm", "N m", 0.05),
+        (2.0, "kgf", "N", 19.6133),
+        (1500.0, "mA", "A", 1.5),
+    ],
+)
+def test_units_are_what_they_are_elsewhere(number: float, unit: str, si: str, expected: float) -> None:
+    assert number * to_si(unit, si, "a column") == pytest.approx(expected, rel=1e-12)
+
+
 def smooth(time: np.ndarray, frequency: float) -> np.ndarray:
     return np.sin(2.0 * np.pi * frequency * time)
 
@@ -111,6 +133,17 @@ def test_an_even_log_is_left_alone_and_single_holes_are_filled(log: Log) -> None
     filled = resample(replace(log, signals=dict(log.signals) | {"joint_torque": SignalTable(torque.names, values)}))
     neighbours = values[[99, 101], 3]
     assert neighbours.min() <= filled.joints("joint_torque")[100, 3] <= neighbours.max()
+
+
+@pytest.mark.parametrize(("missing", "known"), [(3, True), (4, False)])
+def test_what_a_long_gap_held_stays_unknown(log: Log, missing: int, known: bool) -> None:
+    torque = log.signals["joint_torque"]
+    values = torque.values.copy()
+    values[100 : 100 + missing, 3] = np.nan
+    holed = resample(replace(log, signals=dict(log.signals) | {"joint_torque": SignalTable(torque.names, values)}))
+    found = np.isfinite(holed.joints("joint_torque"))
+    assert found[100 : 100 + missing, 3].all() == found[100 : 100 + missing, 3].any() == known
+    assert found.sum() == found.size - (0 if known else missing)
 
 
 def test_a_delay_is_told_to_a_part_of_a_sample(log: Log) -> None:

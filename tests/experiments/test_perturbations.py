@@ -74,6 +74,42 @@ def test_each_number_of_the_plant_is_unchanged_at_nominal_and_changed_elsewhere(
     assert any(not np.array_equal(a, b) for a, b in zip(before, applied(off), strict=True))
 
 
+FACTORS = {
+    "gear_friction": {"friction_coulomb", "friction_viscous", "friction_cubic"},
+    "spring_stiffness": {"spring_stiffness"},
+    "spring_damping": {"spring_damping"},
+    "torque_constant": {"torque_constant", "back_emf_constant"},  # one constant of the motor in two units
+    "motor_inertia": {"motor_inertia"},
+    "resistance": {"resistance"},
+    "battery_voltage": {"bus_voltage"},
+}
+
+
+@pytest.mark.parametrize("name", FACTORS)
+def test_a_factor_of_the_drive_scales_its_numbers_and_no_others(plant, name: str) -> None:
+    before, after = plant.params.drive, trial(**{name: 1.5}).apply(plant, plant.params).drive
+    for field, value in before._asdict().items():
+        factor = 1.5 if field in FACTORS[name] else 1.0
+        np.testing.assert_allclose(getattr(after, field), factor * value, rtol=1e-6, err_msg=field)
+
+
+@pytest.mark.parametrize(("name", "chosen"), [("torso_mass", slice(0, 1)), ("link_mass", slice(1, 13))])
+def test_a_heavier_part_has_more_mass_and_inertia_and_the_others_do_not(plant, name: str, chosen: slice) -> None:
+    before, after = plant.params.bodies, trial(**{name: 1.25}).apply(plant, plant.params).bodies
+    factor = np.ones(13)
+    factor[chosen] = 1.25
+    np.testing.assert_allclose(after.mass, before.mass * factor, rtol=1e-6)
+    np.testing.assert_allclose(after.inertia, before.inertia * factor[:, None], rtol=1e-6)
+
+
+@pytest.mark.parametrize(("name", "axis"), [("torso_com_x", 0), ("torso_com_y", 1)])
+def test_the_centre_of_mass_moves_along_its_axis(plant, name: str, axis: int) -> None:
+    moved = trial(**{name: 0.03}).apply(plant, plant.params).bodies.com - plant.params.bodies.com
+    expected = np.zeros((13, 3))
+    expected[0, axis] = 0.03
+    np.testing.assert_allclose(moved, expected, atol=1e-7)
+
+
 def test_a_search_may_be_harder_than_what_judges_its_result() -> None:
     model = nominal_model()
     hard = {"push_y": {"law": "fixed", "value": 77.0}}

@@ -43,6 +43,13 @@ def test_influence_of_an_additive_law_is_its_share_of_the_variance() -> None:
     assert influence(b, cost).share == pytest.approx(0.36, abs=0.05)
 
 
+def test_what_chance_alone_explains_is_taken_off_the_influence() -> None:
+    # ten bins of six trials: uncorrected, chance alone would explain 9 of 50 parts of the variance in the mean
+    rng = np.random.default_rng(4)
+    shares = [influence(*rng.standard_normal((2, 60))).share for _ in range(200)]
+    assert np.mean(shares) < 0.1
+
+
 @pytest.mark.parametrize("values", [np.ones(100), np.arange(6.0)])
 def test_influence_says_nothing_of_what_does_not_vary_or_is_too_few(values) -> None:
     assert influence(values, np.linspace(0, 1, len(values))) is None

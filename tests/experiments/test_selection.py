@@ -17,6 +17,7 @@ from experiments.measurement.selection import verdict as verdicts
 from experiments.measurement.selection.belief import (
     Finalist,
     at_end_of_shape,
+    interval,
     loud,
     plain,
     simplest,
@@ -40,6 +41,14 @@ def finalist(name: str, where: str, held_out: float) -> Finalist:
 def named(*finalists: Finalist) -> tuple[str, list[str]]:
     winner, rivals = simplest(sorted(finalists, key=lambda f: f.held_out), BEFORE, NOISE, JOINT_NAMES)
     return winner.scored.where, [f.scored.where for f in rivals]
+
+
+def test_an_interval_holds_what_the_log_tells_and_the_models_own_error() -> None:
+    fit = Refitted((), np.zeros(0), np.zeros(0), (), (), np.diag([1e-6, 0.0]))
+    low, high = interval(fit, 0, 0.0)
+    assert (low, high) == pytest.approx((-1.96e-3, 1.96e-3))
+    low, high = interval(fit, 1, 4.0)  # surer than the model is right: half a percent to each side
+    assert (low, high) == pytest.approx((4.0 * 0.9951, 4.0 * 1.0049))
 
 
 def test_joints_that_do_not_feel_an_effect_are_not_named_with_it() -> None:

@@ -307,6 +307,8 @@ def test_a_member_called_like_a_script_is_only_text_in_the_report(tmp_path):
         (["sweep", "--task", "no_such_task", "--output", "o"], "No task 'no_such_task'"),
         (["sweep", "--task", "squat_jump", "--model", "x.json", "--output", "o"], "x.json: no such file"),
         (["sweep", "--task", "squat_jump", "--perturbations", "x", "--output", "o"], "No perturbations 'x'"),
+        (["sweep", "--task", "squat_jump", "--generations", "1", "--output", "o"], "1 generations are too few"),
+        (["sweep", "--task", "squat_jump", "--alpha", "0.5", "--output", "o"], "takes no alpha"),
         (["collect", "nowhere"], "nowhere holds no sweep"),
     ],
 )
@@ -322,6 +324,15 @@ def test_bad_input_on_the_command_line_is_one_sentence(tmp_path, monkeypatch, wo
     assert isinstance(result.exception, UserError), result.output
     assert match in str(result.exception) and "\n" not in str(result.exception)
     assert not (tmp_path / "o").exists()
+
+
+def test_a_cluster_that_is_not_there_is_one_sentence(tmp_path):
+    pytest.importorskip("submitit")
+    with (
+        pytest.raises(UserError, match="submitit finds no cluster"),
+        open_executor(Place("submitit", 1, 1, None, "no_such", 1.0), tmp_path),
+    ):
+        pass
 
 
 @pytest.mark.slow
