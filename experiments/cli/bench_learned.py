@@ -46,25 +46,11 @@ def learned(
     start_jax(devices)
     from experiments.diagnosis_benchmark.beyond_log import HIDDEN, beyond_log
     from experiments.files import write_json
+    from experiments.independent_plant.practice import parse_hidden
 
+    own = None if effect is None else parse_hidden(" ".join((f"{effect}@{where}", *(parameter or ()))))
     results = []
-    for hidden in HIDDEN if effect is None else (_hidden(effect, where, parameter or []),):
+    for hidden in HIDDEN if own is None else (own,):
         results.append(beyond_log(folder, hidden, generations, seed, devices, lambda text: typer.echo(text, err=True)))
         print(json.dumps(results[-1]), flush=True)
     write_json(folder / "learned.json", {"results": results})
-
-
-def _hidden(effect: str, where: str, parameters: list[str]):
-    """An effect of the second plant. Raises UserError."""
-    import numpy as np
-
-    from experiments.errors import UserError
-    from experiments.independent_plant.library import Effect
-
-    try:
-        given = dict(text.split("=", 1) for text in parameters)
-        hidden = Effect(effect, where, {name: float(value) for name, value in given.items()})
-        hidden.family(1).add(0, where, hidden.parameters, np.random.default_rng(0))
-    except ValueError as error:
-        raise UserError(f"The hidden effect is not one of the second plant: {error}.") from None
-    return hidden
