@@ -62,7 +62,7 @@ class SmoothGait(GaitTask):
             return loop.tick(params, settings, values, trial, carry, k)[0], None
 
         (state, controller, *_), _ = jax.lax.scan(tick, carry, jnp.arange(round(self.settled / self.period)))
-        return state, gait.init(controller)
+        return state, gait.init(controller.gait)
 
     def control(
         self, settings: Any, values: Array, state: Any, robot: RobotState, time: Array

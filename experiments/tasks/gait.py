@@ -5,11 +5,12 @@ from dataclasses import dataclass, field
 import jax
 import jax.numpy as jnp
 
-from controller_jax import locomotion
+from controller_jax import careful_gait
+from controller_jax.careful_gait import CarefulGait, CarefulState
 from controller_jax.geometry import geometry_from_numbers
 from controller_jax.joint_torques import joint_torques, weight_torque
 from controller_jax.leg_kinematics import inverse_kinematics, leg_kinematics
-from controller_jax.locomotion import GaitParams, LocomotionState
+from controller_jax.locomotion import GaitParams, LocomotionInfo
 from controller_jax.rotations import control_frame, mv
 from controller_jax.torso_motion import along_slope
 from controller_jax.types import JointTargets, RobotState
@@ -21,7 +22,13 @@ from experiments.model import Model
 from experiments.plant import Plant, PlantParams, PlantState
 from experiments.rollout import Score, Tick
 from experiments.tasks.definition import TaskDefinition, check_weights
-from experiments.tasks.gait_parameters import GaitSettings, check_names, controller_from_settings, with_values
+from experiments.tasks.gait_parameters import (
+    GaitSettings,
+    careful_from_settings,
+    check_names,
+    controller_from_settings,
+    with_values,
+)
 from experiments.tasks.gait_score import METRIC_UNITS as METRIC_UNITS  # the registry asks the module of a task for it
 from experiments.tasks.gait_score import TERMS, GaitJudge, GaitTally
 from experiments.torque_sensors import TorqueSensors, as_read, known_torque_sensors
@@ -57,9 +64,16 @@ class GaitTask:
         controller = settings.controller._replace(distribution=settings.distribution)
         return with_values(controller, self.names, values)
 
+    def both_forms(self, settings: GaitSettings, values: Array) -> CarefulGait:
+        """The gait with the searched values (n,) put in, and its careful form, which is not searched."""
+        limits = settings.distribution.torque_limits
+        distribution = settings.careful.distribution._replace(torque_limits=limits)
+        careful = settings.careful._replace(distribution=distribution)
+        return CarefulGait(self.parameters(settings, values), careful, settings.caution)
+
     def start(
         self, plant: Plant, params: PlantParams, settings: GaitSettings, values: Array, trial: Trial
-    ) -> tuple[PlantState, LocomotionState]:
+    ) -> tuple[PlantState, CarefulState]:
         """Torso turned as the gait wants it on the slope, feet under the hips along gravity: the telescopic strut."""
         geometry, terrain = settings.geometry, params.bodies.terrain
         level = leg_kinematics(geometry, jnp.asarray(plant.bodies.stance[7:])).r_BF_B - geometry.r_BH_B
@@ -78,14 +92,15 @@ class GaitTask:
         share = 0.25 * geometry.gravity * params.bodies.mass.sum()
         force_B = jnp.broadcast_to(share * up_B, (4, 3))
         torque = joint_torques(force_B, legs.J_BF_B, weight_torque(geometry, legs, R_WB))
-        return plant.initial_state(params, q, torque), locomotion.init(geometry, robot)
+        controller = careful_gait.init(self.both_forms(settings, values), geometry, robot)
+        return plant.initial_state(params, q, torque), controller
 
     def control(
-        self, settings: GaitSettings, values: Array, state: LocomotionState, robot: RobotState, time: Array
-    ) -> tuple[LocomotionState, JointTargets, locomotion.LocomotionInfo]:
-        command, params = settings.command_at(time), self.parameters(settings, values)
+        self, settings: GaitSettings, values: Array, state: CarefulState, robot: RobotState, time: Array
+    ) -> tuple[CarefulState, JointTargets, LocomotionInfo]:
+        command, params = settings.command_at(time), self.both_forms(settings, values)
         period = jnp.float32(self.period)
-        state, targets, info = locomotion.step(params, settings.geometry, state, robot, command, time, period)
+        state, targets, info = careful_gait.step(params, settings.geometry, state, robot, command, time, period)
         return state, as_read(self.torque_sensors, targets), info
 
     @property
@@ -113,12 +128,13 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
     numbers = known_numbers(model)
     geometry = geometry_from_numbers(numbers)
     known = {"controller", "command", "flight", "turn_start"}
-    wrong = set(definition.settings) ^ known
+    wrong = set(definition.settings) - {"careful"} ^ known
     if wrong:
         raise UserError(
             f"Task {task}: its settings are {', '.join(sorted(known))}; correct the key '{shown(min(wrong))}'."
         )
     controller = controller_from_settings(definition.settings["controller"], numbers, task)
+    careful, caution = careful_from_settings(definition.settings.get("careful"), controller, numbers, task)
     command = definition.settings["command"]
     if set(command) != set(VelocityCommand._fields):
         raise UserError(f"Task {task}: settings.command needs {', '.join(VelocityCommand._fields)}.")
@@ -126,6 +142,8 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
         geometry=geometry,
         distribution=controller.distribution,
         controller=controller,
+        careful=careful,
+        caution=caution,
         command=VelocityCommand(**{name: jnp.float32(value) for name, value in command.items()}),
         flight=jnp.float32(definition.settings["flight"]),
         turn_start=jnp.float32(definition.settings["turn_start"]),

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from controller_jax.careful_gait import CautionParams
 from controller_jax.geometry import JOINTS, geometry_from_numbers
 from controller_jax.leg_kinematics import leg_mass
 from controller_jax.locomotion import GaitParams
@@ -28,6 +29,7 @@ VECTORS: Final[Mapping[str, int]] = MappingProxyType(
     | dict.fromkeys(("torso.once_per_cycle", "torso.twice_per_cycle", "torso.speed_lead"), 2)
     | dict.fromkeys(("foothold.feedback", "foothold.heading_offset", "foothold.lateral_offset"), 2)
     | {"distribution.wrench_weight": 6, "gains.inertia": 3, "torso.slope_share": 2}
+    | {"caution.slope": 2, "caution.excess": 2}
 )
 
 Array = jax.Array
@@ -82,6 +84,8 @@ class GaitSettings(NamedTuple):
     geometry: LegGeometry
     distribution: Any  # of the force distribution; replaces the one in `controller`
     controller: GaitParams
+    careful: GaitParams  # what it goes over to where care is due
+    caution: CautionParams
     command: VelocityCommand
     flight: Array  # () wanted share of the stride with all feet in the air
     turn_start: Array  # () s, when the turning command sets in
@@ -123,6 +127,26 @@ def controller_from_settings(numbers: Mapping[str, Any], robot: Mapping[str, Any
         shared = read_json(path, MAX_BYTES)
     shared = {name: value for name, value in shared.items() if name not in ("about", "sources")}
     return _read(GaitParams, _merged(shared, numbers), robot_numbers(robot), "", task)
+
+
+def careful_from_settings(
+    settings: Any, controller: GaitParams, robot: Mapping[str, Any], task: str
+) -> tuple[GaitParams, CautionParams]:
+    """The careful form of a gait, given like its controller, and when it goes over to it; without one it stays itself.
+
+    Raises UserError for a missing, unknown or misformed number.
+    """
+    if settings is None:
+        never = jnp.float32([1e3, 2e3])
+        return controller, CautionParams(never, never, jnp.float32(1.0), jnp.float32(1.0))
+    if not isinstance(settings, Mapping) or set(settings) != {"caution", "controller"}:
+        raise UserError(f"Task {task}: settings.careful must be an object of caution and controller.")
+    caution = _read(CautionParams, settings["caution"], {}, "caution", task)
+    if not all(float(one[0]) < float(one[1]) for one in (caution.slope, caution.excess)):
+        raise UserError(f"Task {task}: settings.careful.caution: slope and excess must be two growing numbers each.")
+    if min(float(caution.rise), float(caution.calm)) <= 0.0:
+        raise UserError(f"Task {task}: settings.careful.caution: rise and calm must be more than zero seconds.")
+    return controller_from_settings(settings["controller"], robot, task), caution
 
 
 def robot_numbers(robot: Mapping[str, Any]) -> dict[str, Array]:

@@ -1,0 +1,80 @@
+"""A gait's careful form: when it is taken, how fast, and that without a reason nothing changes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from test_locomotion import GEOMETRY, PERIOD, begin, params, robot_state
+
+from controller_jax import careful_gait, locomotion
+from controller_jax.careful_gait import CarefulGait, CarefulState, CautionParams
+from controller_jax.terrain_estimator import Plane
+from controller_jax.velocity_command import VelocityCommand
+
+SLOPE, EXCESS, RISE, CALM = (0.1, 0.2), (0.4, 0.6), 0.1, 2.0
+CAUTION = CautionParams(jnp.float32(SLOPE), jnp.float32(EXCESS), jnp.float32(RISE), jnp.float32(CALM))
+STILL = VelocityCommand(jnp.float32(0.3), jnp.float32(0.0), jnp.float32(0.0))
+
+
+@pytest.fixture(scope="module")
+def standing():
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        state, body = begin()
+        return state._replace(command=STILL), robot_state(body)
+
+
+def on_slope(state, angle, direction):
+    """The gait's state on a plane that rises by `angle` towards `direction`, rad."""
+    away = np.sin(angle) * np.array([np.cos(direction), np.sin(direction)])
+    normal = jnp.float32([-away[0], -away[1], np.cos(angle)])
+    return state._replace(plane=Plane(normal, state.plane.point_W))
+
+
+@pytest.mark.parametrize("angle, direction", [(0.05, 0.0), (0.15, 1.0), (0.15, -2.5), (0.3, 3.0)])
+def test_slopes_of_any_direction_ask_for_care(standing, angle, direction):
+    state, robot = standing
+    asked = careful_gait.asked_caution(CAUTION, on_slope(state, angle, direction), robot)
+    assert float(asked) == pytest.approx(np.interp(np.sin(angle), SLOPE, (0.0, 1.0)), abs=1e-4)
+
+
+@pytest.mark.parametrize("velocity", [(0.3, 0.0), (0.8, 0.0), (0.3, 0.7), (0.0, -1.5), (-0.85, 0.0)])
+def test_speed_beyond_the_commanded_asks_for_care_and_a_hop_does_not(standing, velocity):
+    state, robot = standing
+    robot = robot._replace(v_WB=jnp.float32([*velocity, 0.9]))
+    excess = np.hypot(*velocity) - 0.3
+    asked = careful_gait.asked_caution(CAUTION, state, robot)
+    assert float(asked) == pytest.approx(np.interp(excess, EXCESS, (0.0, 1.0)), abs=1e-4)
+
+
+def test_care_comes_fast_goes_slowly_and_blends_every_number(standing):
+    state, robot = standing
+    usual, careful = params("running_trot"), params("walking_trot")
+    gait = CarefulGait(usual, careful, CAUTION)
+    pushed = robot._replace(v_WB=jnp.float32([0.0, 1.5, 0.0]))
+    rest = STILL, jnp.float32(0.0), jnp.float32(PERIOD)
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        after, targets, info = jax.jit(careful_gait.step)(
+            gait, GEOMETRY, CarefulState(state, jnp.float32(0.5)), pushed, *rest
+        )
+        assert float(after.caution) == pytest.approx(0.5 + PERIOD / RISE, abs=1e-6)
+        later, *_ = jax.jit(careful_gait.step)(gait, GEOMETRY, after, robot, *rest)
+        assert float(later.caution) == pytest.approx(float(after.caution) - PERIOD / CALM, abs=1e-6)
+        share = 0.5 + PERIOD / RISE
+        between = jax.tree.map(lambda a, b: (1.0 - share) * a + share * b, usual, careful)
+        _, wanted, alone = jax.jit(locomotion.step)(between, GEOMETRY, state, pushed, *rest)
+    np.testing.assert_allclose(targets.torque, wanted.torque, atol=2e-2)
+    np.testing.assert_allclose(info.torso.r_WB, alone.torso.r_WB, atol=1e-5)
+
+
+def test_without_a_reason_the_gait_is_the_usual_one_to_the_bit(standing):
+    state, robot = standing
+    usual = params("running_trot")
+    gait = CarefulGait(usual, params("walking_trot"), CAUTION)
+    rest = STILL, jnp.float32(0.4), jnp.float32(PERIOD)
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        first = careful_gait.init(gait, GEOMETRY, robot)
+        assert float(first.caution) == 0.0
+        _, targets, info = jax.jit(careful_gait.step)(gait, GEOMETRY, CarefulState(state, first.caution), robot, *rest)
+        _, wanted, alone = jax.jit(locomotion.step)(usual, GEOMETRY, state, robot, *rest)
+    for mine, its in zip(jax.tree.leaves((targets, info)), jax.tree.leaves((wanted, alone)), strict=True):
+        np.testing.assert_allclose(mine, its, rtol=1e-5, atol=1e-4)
