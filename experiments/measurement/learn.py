@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
+import numpy as np
+
 from experiments.effects.effect import Effect
 from experiments.effects.library import find_effect
 from experiments.effects.places import mask
@@ -58,6 +60,7 @@ def learn(
     others = never_given(model, evidence[0].atoms.effects)
     start = _starts(evidence, wanted, others)
     fit = refit(evidence, start, (*freedom, *others))
+    _refuse_untold(evidence, fit)
     record = {
         "when": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "logs": [log.name for log in logs],
@@ -67,6 +70,19 @@ def learn(
     # others are not learned: the clock is the log's, and the simulated drives have bearings of their own
     model = with_learned(model, evidence[0].atoms, fit, freedom)
     return model.model_copy(update={"provenance": (*model.provenance, record)}), fit, evidence
+
+
+def _refuse_untold(evidence: Sequence[Evidence], fit: Refitted) -> None:
+    """Raise UserError where no number of an effect changes anything that the logs show: there a fit is a guess."""
+    told, first = np.diag(fit.covariance) > 0.0, 0
+    for placed in fit.effects:
+        its = told[first : first + len(placed.parameters)]
+        first += len(placed.parameters)
+        if not its.any():
+            names = " and ".join(log.name for log in evidence)
+            raise UserError(
+                f"{names}: nothing logged tells of {placed.effect} at {placed.where}; record a motion in which it acts."
+            )
 
 
 def _starts(evidence: Sequence[Evidence], wanted: Sequence[tuple[str, str]], others: Sequence[Nominal]) -> list[Placed]:

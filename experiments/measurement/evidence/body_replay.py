@@ -156,8 +156,8 @@ def body_replay(numbers: RobotNumbers, effects: ActiveEffects, clamped: bool) ->
 def body_log(log: Log) -> BodyLog:
     """The bodies' part of a log on the robot."""
     q_joint, torque = log.joints("joint_position"), log.joints("joint_torque")
-    v_joint = log.joints("joint_velocity")
-    v_joint = np.gradient(q_joint, log.sample_period, axis=0) if v_joint is None else v_joint
+    gradient, v_joint = np.gradient(q_joint, log.sample_period, axis=0), log.joints("joint_velocity")
+    v_joint = gradient if v_joint is None else np.where(np.isfinite(v_joint).any(0), v_joint, gradient)
     base_q, base_u = _base_motion(log)
     q = np.nan_to_num(np.concatenate([base_q, q_joint], 1))
     u = np.nan_to_num(np.concatenate([base_u, v_joint], 1))
@@ -190,10 +190,12 @@ def settled(contact: np.ndarray, period: float) -> np.ndarray:
 
 
 def shows_bodies(log: Log) -> bool:
-    """Whether a log tells how the bodies move and what moves them: of a torso on the ground, where it is as well."""
+    """Whether a log tells how the bodies move and what moves them, at every joint: of a torso on the ground, where it
+    is as well."""
     pose = (log.vector(name) for name in ("base_position", "base_orientation"))
     seen = log.experiment == "fixed_base" or all(table is not None for table in pose)
-    return seen and log.joints("joint_torque") is not None
+    joints = (log.joints(name) for name in ("joint_position", "joint_torque"))
+    return seen and all(table is not None and np.isfinite(table).any(0).all() for table in joints)
 
 
 def _base_motion(log: Log) -> tuple[np.ndarray, np.ndarray]:

@@ -35,8 +35,26 @@ def has_drives(log: Log) -> bool:
     return commanded and all(log.joints(signal) is not None for signal in NEEDED)
 
 
+def channels_logged(log: Log) -> np.ndarray:
+    """Which of the replay's channels (J, 3) a log tells of: of a joint that lacks a needed column or all commands
+    none, of one that lacks its motor current not that."""
+    needed = _logged(log, "command_torque") | _logged(log, "command_position")
+    for signal in NEEDED:
+        needed &= _logged(log, signal)
+    return np.stack([needed, needed, needed & _logged(log, "motor_current")], -1)
+
+
+def _logged(log: Log, signal: str) -> np.ndarray:
+    """Joints (J,) of which the signal holds anything."""
+    table = log.joints(signal)
+    return np.zeros(len(log.joint_names), bool) if table is None else np.isfinite(table).any(0)
+
+
 def drive_log(log: Log) -> DriveLog:
-    """The drives' part of a log; raises UserError where a signal that the replay needs is missing."""
+    """The drives' part of a log; raises UserError where a signal that the replay needs is missing.
+
+    A joint of which it does not tell (`channels_logged`) rests at zero.
+    """
     for signal in NEEDED:
         if log.joints(signal) is None:
             raise UserError(f"{log.name}: the drives cannot be replayed without '{signal}'; log it.")
@@ -61,12 +79,14 @@ def drive_log(log: Log) -> DriveLog:
         _velocity(log, "motor_velocity", theta),
         np.zeros_like(q) if log.joints("motor_current") is None else _held(log.joints("motor_current")),
     )
-    return DriveLog(*(np.asarray(table, np.float32) for table in tables))
+    told = channels_logged(log)[:, 0]
+    return DriveLog(*(np.asarray(np.where(told, table, 0.0), np.float32) for table in tables))
 
 
 def _velocity(log: Log, signal: str, position: np.ndarray) -> np.ndarray:
-    measured = log.joints(signal)
-    return np.gradient(position, log.sample_period, axis=0) if measured is None else _held(measured)
+    """As measured, the gradient of the position of joints of which it was not."""
+    gradient, measured = np.gradient(position, log.sample_period, axis=0), log.joints(signal)
+    return gradient if measured is None else np.where(_logged(log, signal), _held(measured), gradient)
 
 
 def _held(table: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """From a log to its evidence: the parts of the plant that it measures."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from experiments.effects.bench import GRAVITY_LOAD, elastic_effects
 from experiments.effects.delay import LOOP_TIMING
@@ -11,8 +12,8 @@ from experiments.measurement.evidence.atoms import Atoms
 from experiments.measurement.evidence.blocks import BLOCK
 from experiments.measurement.evidence.body_evidence import FEWEST, body_evidence
 from experiments.measurement.evidence.body_replay import shows_bodies
-from experiments.measurement.evidence.drive_evidence import drive_evidence
-from experiments.measurement.evidence.drive_log import drive_log, has_drives
+from experiments.measurement.evidence.drive_evidence import DriveEvidence, drive_evidence
+from experiments.measurement.evidence.drive_log import channels_logged, drive_log, has_drives
 from experiments.measurement.evidence.drive_of_bench import drive_of
 from experiments.measurement.evidence.joint_of_bench import joint_evidence
 from experiments.measurement.evidence.load_evidence import load_evidence
@@ -70,7 +71,7 @@ def gather(log: Log, model: Model, effects: Mapping[str, Effect], noise: Mapping
     drive = body = None
     if has_drives(log):
         params, periods = params_from_numbers(numbers), periods_from_numbers(numbers)
-        drive = drive_evidence(atoms, params, periods, drive_log(log), log.sample_period, noise)
+        drive = _shown(drive_evidence(atoms, params, periods, drive_log(log), log.sample_period, noise), log)
     if shows_bodies(log):
         body = body_evidence(atoms, model.numbers, log, noise)
     if drive is None and body is None:
@@ -87,7 +88,13 @@ def _elastic_joint(log: Log, model: Model, effects: Mapping[str, Effect], noise:
     params = select_joints(params_from_numbers(numbers), [numbers["joints"].index(model.joint.drive)])
     atoms, table = Atoms((*effects.values(), LOOP_TIMING), log.joint_names), drive_log(log)
     drive = drive_evidence(atoms, params, periods_from_numbers(numbers), table, log.sample_period, noise)
-    return _evidence(log, model, atoms, drive, load_evidence(atoms, model.joint, table, log.sample_period, noise))
+    load = load_evidence(atoms, model.joint, table, log.sample_period, noise)
+    return _evidence(log, model, atoms, _shown(drive, log), load)
+
+
+def _shown(drive: DriveEvidence, log: Log) -> DriveEvidence:
+    """Only what the log tells of each joint counts."""
+    return replace(drive, used=drive.used * channels_logged(log))
 
 
 def _evidence(log: Log, model: Model, atoms: Atoms, drive, body) -> Evidence:

@@ -49,15 +49,26 @@ class RobotEvidence:
 
     @property
     def not_judged(self) -> str:
-        """What the log does not show, in one sentence; empty where it shows all."""
+        """What the log does not show, in a sentence or two; empty where it shows all."""
+        return " ".join(filter(None, (self._part_not_judged(), self._joints_not_judged())))
+
+    def _part_not_judged(self) -> str:
         if self.body is None:
             return (
-                f"Only the drives of {self.name} are judged: for bodies and contact log joint_torque and, on the "
-                "ground, base_position and base_orientation."
+                f"Only the drives of {self.name} are judged: for bodies and contact log joint_torque of every joint "
+                "and, on the ground, base_position and base_orientation."
             )
         if self.drive is None:
             return f"Only the bodies of {self.name} are judged: for the drives log their commands and motor_position."
         return ""
+
+    def _joints_not_judged(self) -> str:
+        if self.drive is None:
+            return ""
+        each = zip(self.atoms.joint_names, self.drive.used.any((0, 2)), strict=True)
+        dark = ", ".join(name for name, told in each if not told)
+        needed = "joint_position, joint_torque, motor_position and a command"
+        return f"Drives not judged, for each needs {needed} in the log: {dark}." if dark else ""
 
     @property
     def standing(self) -> bool:
