@@ -9,7 +9,13 @@ from experiments.measurement.evidence.gather import gather
 from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Nominal, Placed
 from experiments.measurement.fits.misfit import Misfit, above_floor, excess, misfit
-from experiments.measurement.fits.nominal import as_far_as_others, at_end, never_given, nominal_freedom
+from experiments.measurement.fits.nominal import (
+    as_far_as_others,
+    at_end,
+    never_given,
+    nominal_freedom,
+    numbers_among,
+)
 from experiments.measurement.fits.refit import refit
 from experiments.measurement.logs.log import Log
 from experiments.measurement.logs.noise_floor import noise_of
@@ -34,6 +40,7 @@ from experiments.model import Model
 HINTS_TOLD = 2  # in the verdict's words; the answer file and the report hold more
 WELL_EXPLAINED = 0.02  # excess of chi^2 per residual at which the nominal numbers need no second look
 CLEARLY_LESS = 0.8  # of the excess, that free numbers have to leave at most where they need as many effects
+SEVERAL = 2  # effects that may be nominal numbers, from which a robot's numbers are off rather than all these missing
 ROUGH = 0.1  # of the misfit: by how much replays may be off that noise decides in places
 PROMISING = 0.5  # of that excess: with the nominal numbers as they stand, each effect has to explain most of the rest
 
@@ -102,7 +109,8 @@ def _selected(
     most, promising = (MOST_EFFECTS, PROMISING) if len(evidence) == 1 else (1, 0.0)
     strict = select(evidence, given, say, most, promising=promising, begun=strict.ladder[0])
     tiny = NEGLIGIBLE * excess(evidence, strict.ladder[0].fit)
-    if excess(evidence, strict.fit) <= max(WELL_EXPLAINED, tiny) and not leaves_more(evidence, strict):
+    well = excess(evidence, strict.fit) <= max(WELL_EXPLAINED, tiny) and not leaves_more(evidence, strict)
+    if well and len(numbers_among(strict.fit.effects, freedom)) < SEVERAL:
         return evidence, strict
     told = _where_told(evidence, strict, lambda logs: select(logs, given, say, most, promising=promising))
     if told is not None:

@@ -36,6 +36,7 @@ def stages(
 
     stubs = {"select": select, "refit": lambda *_: None, "as_far_as_others": lambda freedom, _: freedom}
     stubs |= {"at_end": lambda *_: (), "nominal_freedom": lambda *_: (), "never_given": lambda *_: ()}
+    stubs["numbers_among"] = lambda found, _: tuple(found)
     stubs |= {
         "above_floor": lambda *_: above,
         "leaves_more": lambda *_: above > LEAST_GAIN,
@@ -62,6 +63,11 @@ def test_an_effect_that_stands_alone_has_to_do_so_beside_free_numbers(monkeypatc
 
 def test_what_few_effects_explain_in_every_channel_needs_no_free_numbers(monkeypatch) -> None:
     assert stages(monkeypatch, 1.5 * WELL_EXPLAINED, 0.5 * LEAST_GAIN) == [(0, NOISE), (6, NOISE)]
+
+
+def test_where_several_of_the_effects_may_be_numbers_those_are_freed_however_well_it_is_explained(monkeypatch) -> None:
+    several = stages(monkeypatch, 1.5 * WELL_EXPLAINED, 0.5 * LEAST_GAIN, effects=diagnose.SEVERAL)
+    assert several == [(0, NOISE), (6, NOISE), (0, NOISE), (6, WELL_EXPLAINED)]
 
 
 def test_a_channel_above_its_floor_is_looked_into_however_little_is_left(monkeypatch) -> None:

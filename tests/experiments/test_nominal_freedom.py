@@ -5,9 +5,9 @@ import pytest
 
 from experiments.effects import LIBRARY
 from experiments.measurement.evidence.features import changes_of
-from experiments.measurement.fits.fit_types import Nominal, Refitted
+from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fits.fit_variables import FARTHEST
-from experiments.measurement.fits.nominal import as_far_as_others, at_end, never_given, nominal_freedom
+from experiments.measurement.fits.nominal import as_far_as_others, at_end, never_given, nominal_freedom, numbers_among
 from experiments.model import nominal_model
 
 NUMBERS = nominal_freedom(nominal_model(), tuple(LIBRARY.values()), standing=False)
@@ -66,3 +66,14 @@ def test_a_nominal_number_is_what_the_first_change_of_its_effect_changes() -> No
     payload = [change for change in changes if change.effect.name == "payload"]
     assert len(payload) == 9 and all(value == 0.0 for _, value in payload[0].shapes)
     assert sum(variant.effect.name == "payload" for variant in variants) == 9
+
+
+def test_an_effect_may_be_a_number_if_it_is_as_small_at_a_place_where_such_numbers_are_given() -> None:
+    inertia = Placed("motor_inertia", "HFE", {"relative": -0.0095})
+    others = (
+        inertia._replace(parameters={"relative": -0.13}),  # more than a data sheet may be off by
+        inertia._replace(where="LF_HFE"),  # one joint alone is not built otherwise
+        Placed("ground_slope", "feet", {"x": 0.01, "y": 0.0}),
+        Placed("payload", "torso", {"mass": 0.5, "x": 0.1, "y": 0.0, "z": 0.0}),  # a number is a mass at the centre
+    )
+    assert numbers_among((inertia, *others), NUMBERS) == (inertia,)

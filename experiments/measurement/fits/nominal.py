@@ -8,7 +8,7 @@ from experiments.effects.effect import Effect
 from experiments.effects.inertia import LINK_COM
 from experiments.effects.link import BEARING_FRICTION
 from experiments.measurement.evidence.features import NUISANCES
-from experiments.measurement.fits.fit_types import Nominal, Refitted
+from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fits.fit_variables import FARTHEST
 from experiments.model import JointNumbers, Model
 from mjx_starleth.numbers import RobotNumbers, load_numbers
@@ -56,6 +56,16 @@ def as_far_as_others(nominal: Sequence[Nominal], fit: Refitted) -> tuple[Nominal
     typical = sorted((size for size, _ in told), reverse=True)[largest]
     narrower = min(SPARE * typical / FARTHEST, 1.0)
     return tuple(n if n.effect in NOT_GIVEN else n._replace(deviation=narrower * n.deviation) for n in nominal)
+
+
+def numbers_among(effects: Sequence[Placed], nominal: Sequence[Nominal]) -> tuple[Placed, ...]:
+    """Effects that may be no more than a nominal number that is off, at a place where such numbers are given."""
+    reaches = {(n.effect, n.where, n.parameter): FARTHEST * n.deviation for n in nominal}
+    return tuple(
+        p
+        for p in effects
+        if all(abs(value) <= reaches.get((p.effect, p.where, name), 0.0) for name, value in p.parameters.items())
+    )
 
 
 def nominal_freedom(model: Model, effects: Sequence[Effect], standing: bool) -> tuple[Nominal, ...]:
