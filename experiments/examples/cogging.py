@@ -1,7 +1,7 @@
 """A user's own effect in one short file: magnets pull the rotor towards certain angles (cogging torque).
 
-    starleth diagnose log.csv.gz --effects cogging.py
-    starleth learn log.csv.gz --effects cogging.py --effect cogging@LH_KFE
+starleth diagnose log.csv.gz --effects cogging.py
+starleth learn log.csv.gz --effects cogging.py --effect cogging@LH_KFE
 """
 
 import jax.numpy as jnp

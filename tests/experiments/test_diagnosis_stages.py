@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import pytest
 
 from experiments.effects import LIBRARY
-from experiments.measurement import diagnose
-from experiments.measurement.diagnose import WELL_EXPLAINED
 from experiments.measurement.evidence.features import changes_of
+from experiments.measurement.selection import stages as module
 from experiments.measurement.selection.belief import LEAST_GAIN
 from experiments.measurement.selection.select import NOISE
+from experiments.measurement.selection.stages import LITTLE, ROUGH, SEVERAL, WELL_EXPLAINED
 
 
 def stages(
@@ -20,11 +20,13 @@ def stages(
     left: float = 1.0,
     finds: tuple[int, float] | None = None,
     effects: int = 1,
+    kept: float | None = None,
 ) -> list[tuple[int, float]]:
     """Effects sought at most, and the excess they are sought down to, stage by stage; none explains anything.
 
     told: the logs without rows that noise decides; left: the share of the misfit that their effects leave; finds: the
-    stage that finds an effect; effects: how many those with the nominal numbers find.
+    stage that finds an effect; effects: how many those with the nominal numbers find; kept: the excess that some of
+    them leave where the others are taken as numbers.
     """
     calls = []
 
@@ -42,12 +44,13 @@ def stages(
         "leaves_more": lambda *_: above > LEAST_GAIN,
         "judged_rows": lambda *_: told,
         "unexplained": lambda *_: left,
-        "excess": lambda *_: excess if len(calls) < 2 else excess / 2.0,
+        "excess": lambda _, fit: kept if fit == "kept" else excess if len(calls) < 2 else excess / 2.0,
+        "as_numbers": lambda *_: None if kept is None else SimpleNamespace(fit="kept"),
     }
     for name, stub in stubs.items():
-        monkeypatch.setattr(diagnose, name, stub)
+        monkeypatch.setattr(module, name, stub)
     log = SimpleNamespace(standing=True, rigid=False, atoms=SimpleNamespace(effects=()))
-    diagnose._selected((log,), None, lambda _: None)
+    module.selected((log,), None, lambda _: None)
     return calls
 
 
@@ -66,7 +69,7 @@ def test_what_few_effects_explain_in_every_channel_needs_no_free_numbers(monkeyp
 
 
 def test_where_several_of_the_effects_may_be_numbers_those_are_freed_however_well_it_is_explained(monkeypatch) -> None:
-    several = stages(monkeypatch, 1.5 * WELL_EXPLAINED, 0.5 * LEAST_GAIN, effects=diagnose.SEVERAL)
+    several = stages(monkeypatch, 1.5 * WELL_EXPLAINED, 0.5 * LEAST_GAIN, effects=SEVERAL)
     assert several == [(0, NOISE), (6, NOISE), (0, NOISE), (6, WELL_EXPLAINED)]
 
 
@@ -81,12 +84,19 @@ def test_numbers_a_little_off_explain_a_rest_that_is_small_in_every_channel(monk
 
 def test_without_the_rows_that_noise_decides_the_nominal_numbers_are_tried_again(monkeypatch) -> None:
     log = SimpleNamespace(standing=True, rigid=False, atoms=SimpleNamespace(effects=()))
-    again = stages(monkeypatch, 4.0 * WELL_EXPLAINED, 1e6, (log,), 0.5 * diagnose.ROUGH)
+    again = stages(monkeypatch, 4.0 * WELL_EXPLAINED, 1e6, (log,), 0.5 * ROUGH)
     assert again == [(0, NOISE), (6, NOISE), (6, NOISE)]
-    several = stages(monkeypatch, 4.0 * WELL_EXPLAINED, 1e6, (log,), 0.5 * diagnose.ROUGH, effects=2)
+    several = stages(monkeypatch, 4.0 * WELL_EXPLAINED, 1e6, (log,), 0.5 * ROUGH, effects=2)
     assert several == [*again, (0, NOISE), (6, NOISE)]  # which may be numbers that are off, and one effect
-    further = stages(monkeypatch, 4.0 * WELL_EXPLAINED, 1e6, (log,), 2.0 * diagnose.ROUGH)
+    further = stages(monkeypatch, 4.0 * WELL_EXPLAINED, 1e6, (log,), 2.0 * ROUGH)
     assert further == [*again, (0, NOISE), (6, NOISE), (0, NOISE), (6, NOISE)]  # and so are numbers a little off
+
+
+def test_effects_that_explain_a_log_beside_others_as_numbers_are_enough(monkeypatch) -> None:
+    strong = 1e3
+    enough = stages(monkeypatch, strong, 1e6, kept=0.4 * LITTLE * strong)
+    assert enough == [(0, NOISE), (6, NOISE)]
+    assert stages(monkeypatch, strong, 1e6, kept=2.0 * LITTLE * strong) == [*enough, (0, NOISE), (6, NOISE)]
 
 
 def test_ripple_lines_are_sought_in_what_is_left_at_the_fit(monkeypatch) -> None:

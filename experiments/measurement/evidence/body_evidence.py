@@ -125,7 +125,7 @@ def _floor(clean: np.ndarray, error: np.ndarray, used: np.ndarray) -> np.ndarray
     count = np.maximum(used.sum(0), 1)
     spread = np.sqrt((error**2 * used[None]).sum((0, 1)) / count / len(error))
     # where the rows alias what is faster than their rate, the residual is rougher than noise makes it
-    rough = roughness(clean, used) / np.maximum(roughness(error[0], used), 1e-12)
+    rough = _roughness(clean, used) / np.maximum(_roughness(error[0], used), 1e-12)
     floor = np.maximum(spread, 1e-9) * np.maximum(rough, 1.0)
     # a torque sampled at rows is not its mean between them: legs in the air show that first
     legs = np.array([kind == "joint" for kind in KIND])
@@ -176,7 +176,7 @@ def _unless(here: np.ndarray, log: BodyLog, other: BodyLog) -> BodyLog:
     return BodyLog(*(np.where(here[:, None], own, its) for own, its in zip(log, other, strict=True)))
 
 
-def roughness(rows: np.ndarray, used: np.ndarray) -> np.ndarray:
+def _roughness(rows: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Size of the changes from row to row, per channel."""
     both = used[1:] * used[:-1]
     change = np.diff(rows, axis=0) ** 2 * both

@@ -18,7 +18,7 @@ from scipy.ndimage import convolve1d
 from experiments.effects.compose import EffectNumbers
 from experiments.measurement.evidence.atoms import Atoms
 from experiments.measurement.evidence.behind_sensors import behind_sensors
-from experiments.measurement.evidence.body_evidence import FLOOR_DRAWS, MODEL_ERROR, correlation_rows, roughness
+from experiments.measurement.evidence.body_evidence import FLOOR_DRAWS, MODEL_ERROR, correlation_rows
 from experiments.measurement.evidence.body_replay import thinned
 from experiments.measurement.evidence.drive_log import DriveLog
 from experiments.measurement.evidence.row_motion import RowMotion, row_motion
@@ -100,9 +100,9 @@ def load_evidence(
     error = np.stack(
         [residual(log._replace(**{name: noisy(name) for name in signals})) - clean for _ in range(FLOOR_DRAWS)]
     )
+    # a torque sampled at rows is not its mean between them
+    floor = np.hypot(np.sqrt((error**2).mean((0, 1))), MODEL_ERROR["joint"])
     used = np.ones_like(clean)
-    rough = roughness(clean, used) / np.maximum(roughness(error[0], used), 1e-12)
-    floor = np.hypot(np.sqrt((error**2).mean((0, 1))) * np.maximum(rough, 1.0), MODEL_ERROR["joint"])
     return LoadEvidence(atoms, params, _load_log(log, period), period, used, floor, correlation_rows(error))
 
 

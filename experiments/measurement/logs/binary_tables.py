@@ -48,8 +48,7 @@ def read_parquet(data: bytes, name: str, limits: Limits = LIMITS) -> Columns:
         if sum(group.total_byte_size for group in groups) > limits.unpacked_bytes:
             too_large(name, limits)
         return {
-            column: to_float(file.read(columns=[column], use_threads=False).column(0), name, column)
-            for column in names
+            column: to_float(file.read(columns=[column], use_threads=False).column(0), name, column) for column in names
         }
     except (pa.ArrowException, OSError, MemoryError, OverflowError, UnicodeDecodeError) as error:
         raise UserError(f"{name} is not a readable Parquet file ({brief(error)}).") from None

@@ -37,6 +37,15 @@ class Selection:
     sure: list[bool] = field(default_factory=list)  # of each winner, when it was chosen
     unsteady: list[Change] = field(default_factory=list)  # of effects that were taken out for it
 
+    def take_over(self, other: "Selection", k: int, rung: Rung) -> None:
+        """Add the k-th effect of another selection, with what was kept of it, and its fit in this one."""
+        self.ties.append(other.ties[k])
+        self.winners.append(other.winners[k])
+        self.rivals.append(other.rivals[k])
+        self.sure.append(other.sure[k])
+        self.ladder.append(rung)
+        self.fit = rung.fit
+
     def forget(self, which: int | slice) -> None:
         """Drop what was kept of some effects beside the ladder."""
         for one in (self.ties, self.winners, self.rivals, self.sure):
