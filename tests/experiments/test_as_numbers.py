@@ -28,7 +28,8 @@ def found(*effects: Placed) -> Selection:
     rungs = [Rung(f"rung {k}", fit(*effects[:k]), fit()) for k in range(len(effects) + 1)]
     ties = [[(p.effect, p.where)] for p in effects]
     kept = {"ties": ties, "winners": [None] * len(ties), "rivals": [[]] * len(ties), "sure": [True] * len(ties)}
-    return Selection(fit(*effects, nominal=(1e-4,)), (PHASE,), Elsewhere((), ()), ladder=rungs, **kept)
+    asked = {"rankings": [["a ranking"]], "refitted": [["a finalist"]], "refuted": ["a log"]}
+    return Selection(fit(*effects, nominal=(1e-4,)), (PHASE,), Elsewhere((), ()), ladder=rungs, **kept, **asked)
 
 
 @pytest.fixture
@@ -55,6 +56,12 @@ def test_effects_within_a_numbers_reach_become_that_number_and_the_others_stay(s
     assert made_over.ties == [[("bus_voltage_sag", "all")], [("torque_sensor_gain", "all")]]
     assert [rung.name for rung in made_over.ladder] == ["rung 0", "rung 2", "rung 3"]
     np.testing.assert_allclose(made_over.fit.nominal, [1e-4, 0.0, 0.0, -0.09])
+
+
+def test_what_was_asked_on_the_way_stays_known(starts) -> None:
+    was = found(INERTIA, SAG)
+    made_over = as_numbers((SimpleNamespace(),), was, (PHASE, *NOMINAL), fit(nominal=(0.0,) * 4))
+    assert (made_over.rankings, made_over.refitted, made_over.refuted) == (was.rankings, was.refitted, was.refuted)
 
 
 def test_each_fit_starts_from_the_numbers_as_they_were_found(starts) -> None:

@@ -1,5 +1,6 @@
 """Logs that lack a joint's column: what they do not tell is not judged, and never taken for zeros."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +9,14 @@ import pytest
 from experiments.effects import LIBRARY
 from experiments.errors import UserError
 from experiments.measurement.compare import Comparison, compare
-from experiments.measurement.evidence.body_replay import body_log
+from experiments.measurement.evidence.body_replay import body_log, shows_bodies
 from experiments.measurement.evidence.drive_log import channels_logged, drive_log
 from experiments.measurement.learn import learn
 from experiments.measurement.logs.log import Log, SignalTable
 from experiments.measurement.logs.log_reader import read_log
+from experiments.measurement.logs.noise_floor import noise_of
 from experiments.model import nominal_model
+from mjx_starleth.names import LEGS
 
 SQUAT = Path(__file__).parents[1] / "data" / "squat_reference_1500ms.csv.gz"
 JOINT = "RF_HFE"
@@ -56,6 +59,29 @@ def test_a_missing_velocity_is_that_of_the_position(log: Log) -> None:
     others = np.arange(12) != k
     assert (drive_log(less).joint_velocity[:, others] == drive_log(log).joint_velocity[:, others]).all()
     assert channels_logged(less).all()
+
+
+def test_an_axis_of_the_torsos_velocity_that_was_not_logged_is_that_of_its_position(log: Log) -> None:
+    less = body_log(without(log, "base_linear_velocity", "y"))
+    of_position = np.gradient(log.vector("base_position")[:, 1], log.sample_period)
+    assert less.u[:, 1] == pytest.approx(of_position, rel=1e-5, abs=1e-5)
+    assert (less.u[:, [0, 2]] == body_log(log).u[:, [0, 2]]).all()
+
+
+@pytest.mark.parametrize("gone", [LEGS, ("RF",)])
+def test_bodies_on_the_ground_are_not_judged_where_nobody_says_which_feet_stand(log: Log, gone: tuple) -> None:
+    less = log
+    for leg in gone:
+        less = without(less, "foot_contact", leg)
+    assert shows_bodies(log) and not shows_bodies(less)
+    assert "foot_contact" in compare(less, nominal_model(), {}).in_words()
+
+
+def test_a_velocity_that_was_not_logged_has_the_noise_of_its_positions_differences(log: Log) -> None:
+    signals = {name: table for name, table in log.signals.items() if name != "joint_velocity"}
+    less = replace(log.on_time(log.time, log.sample_period, signals), noise_std={"joint_position": 2e-4})
+    drawn = np.random.default_rng(0).normal(0.0, 2e-4, 20_000)
+    assert noise_of(less)["joint_velocity"] == pytest.approx(np.gradient(drawn, log.sample_period).std(), rel=0.03)
 
 
 def test_a_joint_that_was_never_commanded_is_not_judged(log: Log) -> None:

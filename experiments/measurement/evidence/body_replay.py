@@ -156,13 +156,11 @@ def body_replay(numbers: RobotNumbers, effects: ActiveEffects, clamped: bool) ->
 def body_log(log: Log) -> BodyLog:
     """The bodies' part of a log on the robot."""
     q_joint, torque = log.joints("joint_position"), log.joints("joint_torque")
-    gradient, v_joint = np.gradient(q_joint, log.sample_period, axis=0), log.joints("joint_velocity")
-    v_joint = gradient if v_joint is None else np.where(np.isfinite(v_joint).any(0), v_joint, gradient)
+    v_joint = _measured(log.joints("joint_velocity"), np.gradient(q_joint, log.sample_period, axis=0))
     base_q, base_u = _base_motion(log)
     q = np.nan_to_num(np.concatenate([base_q, q_joint], 1))
     u = np.nan_to_num(np.concatenate([base_u, v_joint], 1))
-    contact = log.vector("foot_contact")
-    contact = np.ones((log.rows, 4)) if contact is None else np.nan_to_num(contact)
+    contact = np.zeros((log.rows, 4)) if log.experiment == "fixed_base" else np.nan_to_num(log.vector("foot_contact"))
     q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
     # the central difference spans a row on both sides: so does the torque that caused it
     torque = convolve1d(np.nan_to_num(torque), [0.25, 0.5, 0.25], axis=0, mode="nearest")
@@ -191,11 +189,11 @@ def settled(contact: np.ndarray, period: float) -> np.ndarray:
 
 def shows_bodies(log: Log) -> bool:
     """Whether a log tells how the bodies move and what moves them, at every joint: of a torso on the ground, where it
-    is as well."""
-    pose = (log.vector(name) for name in ("base_position", "base_orientation"))
-    seen = log.experiment == "fixed_base" or all(table is not None for table in pose)
-    joints = (log.joints(name) for name in ("joint_position", "joint_torque"))
-    return seen and all(table is not None and np.isfinite(table).any(0).all() for table in joints)
+    is and which feet stand as well."""
+    tables = [log.joints(name) for name in ("joint_position", "joint_torque")]
+    if log.experiment != "fixed_base":
+        tables += [log.vector(name) for name in ("base_position", "base_orientation", "foot_contact")]
+    return all(table is not None and np.isfinite(table).any(0).all() for table in tables)
 
 
 def _base_motion(log: Log) -> tuple[np.ndarray, np.ndarray]:
@@ -203,9 +201,14 @@ def _base_motion(log: Log) -> tuple[np.ndarray, np.ndarray]:
         return np.tile([0.0, 0, 0, 1, 0, 0, 0], (log.rows, 1)), np.zeros((log.rows, 6))
     position, orientation = log.vector("base_position"), log.vector("base_orientation")
     linear, angular = log.vector("base_linear_velocity"), log.vector("base_angular_velocity")
-    linear = np.gradient(position, log.sample_period, axis=0) if linear is None else linear
-    angular = _turning(orientation, log.sample_period) if angular is None else angular
+    linear = _measured(linear, np.gradient(position, log.sample_period, axis=0))
+    angular = _measured(angular, _turning(orientation, log.sample_period))
     return np.concatenate([position, orientation], 1), np.concatenate([linear, angular], 1)
+
+
+def _measured(velocity: np.ndarray | None, gradient: np.ndarray) -> np.ndarray:
+    """A velocity (T, n), of columns in which it was not logged the gradient."""
+    return gradient if velocity is None else np.where(np.isfinite(velocity).any(0), velocity, gradient)
 
 
 def _turning(orientation: np.ndarray, period: float) -> np.ndarray:

@@ -56,7 +56,7 @@ class RobotEvidence:
         if self.body is None:
             return (
                 f"Only the drives of {self.name} are judged: for bodies and contact log joint_torque of every joint "
-                "and, on the ground, base_position and base_orientation."
+                "and, on the ground, base_position, base_orientation and foot_contact."
             )
         if self.drive is None:
             return f"Only the bodies of {self.name} are judged: for the drives log their commands and motor_position."

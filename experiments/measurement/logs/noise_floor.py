@@ -22,7 +22,12 @@ USUAL = {
     "base_acceleration": 0.05,
 }
 # velocities that are central differences of another signal where they were not logged, per unit of its own rate
-DIFFERENTIATED = {"base_linear_velocity": ("base_position", 1.0), "base_angular_velocity": ("base_orientation", 2.0)}
+DIFFERENTIATED = {
+    "base_linear_velocity": ("base_position", 1.0),
+    "base_angular_velocity": ("base_orientation", 2.0),
+    "joint_velocity": ("joint_position", 1.0),
+    "motor_velocity": ("motor_position", 1.0),
+}
 
 
 def noise_of(log: Log) -> dict[str, float]:

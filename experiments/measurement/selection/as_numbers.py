@@ -33,7 +33,8 @@ def as_numbers(
         return None
     train, test = halves(logs)
     begun = Rung(found.ladder[0].name, alone, refit(logs, (), nominal, alone, train, SHORT_FIT))
-    selection = Selection(alone, nominal, Elsewhere(logs, nominal), ladder=[begun])
+    asked = {"rankings": found.rankings, "refitted": found.refitted, "refuted": found.refuted}
+    selection = Selection(alone, nominal, Elsewhere(logs, nominal), ladder=[begun], **asked)
     start, effects = _begun(found, off, nominal), ()
     for k in kept:
         effects = (*effects, found.fit.effects[k])
