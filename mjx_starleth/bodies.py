@@ -160,7 +160,10 @@ def _contact_problem(
     push_leg: Array,
     h: float,
 ) -> ContactProblem:
-    """A compliant ground is a spring on the gap at the step's end: gap + h v_n + compliance force >= 0."""
+    """A compliant ground is a spring and a damper on the gap at the step's end:
+
+    gap + h v_n + compliance (damping v_n + force) >= 0.
+    """
     root = forward_substitute(f.lower, (jacobian.base - product(jacobian.leg, f.gain)).transpose(2, 0, 1))
     root = root.transpose(1, 0, 2)
     leg = product(jacobian.leg, f.leg_inverse)
@@ -168,10 +171,11 @@ def _contact_problem(
     free = old + apply(transpose(root), push_base[None]) + apply(leg, push_leg)
 
     soft = params.compliance > 0
-    target = jnp.where(soft, ground.gap / h, params.restitution * old[:, 2])
+    lag = h + params.compliance * params.ground_damping
+    target = jnp.where(soft, ground.gap / lag, params.restitution * old[:, 2])
     closed = jnp.where(soft, 1.0, (ground.gap <= 0).astype(jnp.float32))
     normal = np.float32([0, 0, 1])
-    give = params.compliance / h**2 * np.diag(normal)
+    give = params.compliance / (h * lag) * np.diag(normal)
     return ContactProblem(
         root=root,
         own=product(leg, transpose(jacobian.leg)) + give[None],

@@ -31,6 +31,7 @@ class BodyParams(NamedTuple):
     friction: Array  # () between foot and ground, outside of patches
     restitution: Array  # () Newton's, normal
     compliance: Array  # () of the ground under one foot, m/N; 0 is exactly hard
+    ground_damping: Array  # () beside that spring, N s/m
     joint_stop: Array  # (12, 2) rad
     stop_stiffness: Array  # () N m/rad
     stop_damping: Array  # () N m s/rad
@@ -81,6 +82,7 @@ def nominal_params(numbers: RobotNumbers) -> BodyParams:
         friction=np.float32(numbers.contact.friction),
         restitution=np.float32(numbers.contact.restitution),
         compliance=np.float32(0),
+        ground_damping=np.float32(0),
         joint_stop=np.float32(stops),
         stop_stiffness=np.float32(STOP_STIFFNESS),
         stop_damping=np.float32(STOP_DAMPING),

@@ -13,7 +13,8 @@ def _friction(p, bodies, _):
 
 
 def _compliance(p, bodies, _):
-    return bodies._replace(compliance=bodies.compliance + p.compliance)
+    damping = jnp.where(p.compliance > 0, p.damping, 0.0)
+    return bodies._replace(compliance=bodies.compliance + p.compliance, ground_damping=bodies.ground_damping + damping)
 
 
 def tilt(p: Any, bodies: BodyParams, _: Any = None) -> BodyParams:
@@ -34,10 +35,13 @@ EFFECTS = (
     ),
     Effect(
         "ground_compliance",
-        "the ground gives way under load",
+        "the ground gives way under load, a spring and a damper below each foot",
         "contact",
         "foot",
-        (Parameter("compliance", "m/N", 0.0, 1e-3, 2e-5),),
+        (
+            Parameter("compliance", "m/N", 0.0, 1e-3, 2e-5),
+            Parameter("damping", "N s/m", 0.0, 2000.0, 100.0, "shape"),
+        ),
         {"body_parameters": _compliance},
     ),
     Effect(

@@ -118,7 +118,8 @@ def test_an_effect_on_the_bodies_numbers_changes_its_own_alone() -> None:
         ("link_mass", relative, {"mass": before.mass * links, "inertia": before.inertia * links[:, None]}),
         ("link_com", relative, {"com": before.com * links[:, None]}),
         ("ground_friction", {"relative": -0.3}, {"friction": before.friction * 0.7}),
-        ("ground_compliance", {"compliance": 2e-5}, {"compliance": before.compliance + 2e-5}),
+        ("ground_compliance", {"compliance": 2e-5, "damping": 90.0}, {"compliance": 2e-5, "ground_damping": 90.0}),
+        ("ground_compliance", {"compliance": 0.0, "damping": 90.0}, {}),
         ("ground_slope", {"x": 0.1, "y": 0.2}, {"terrain": before.terrain._replace(normal=uphill)}),
     ):
         parameters = {key: jnp.asarray(value, jnp.float32) for key, value in parameters.items()}

@@ -27,6 +27,7 @@ SLOPE, DOWNHILL = 0.35, 0.7  # rad
 ALMOST = 0.02  # of the friction coefficient to either side of the friction angle
 SLIDING_FRICTION, SLIDING_SPEED = 0.4, 0.6  # stops after 0.15 s
 RESTITUTION, DROP_SPEED = 0.5, 1.0  # m/s
+COMPLIANCE, GROUND_DAMPING = 4e-4, 60.0  # m/N and N s/m below each foot: 0.04 s to swing, a third of critical damping
 STOP_SPEED = 8.0  # rad/s
 SETTLED = 0.05  # s; the first steps start from no forces, and one rigid body needs several to find them
 PRESSED = 1e-6  # m into the ground: closed from the first step on, whatever the rounding
@@ -86,6 +87,7 @@ SCENARIOS = {
     "spinning": scenario(q=lifted(1.0), u=vivid(), **FREE),
     "end stop": scenario(q=lifted(1.0), u=against_the_stop(), gravity=np.zeros(3)),
     "wrench": scenario(q=lifted(1.0), torque=np.tile([0.1, 0.2, -0.1], 4), wrench_W=PUSH, **FREE),
+    "soft": scenario(damping=LOCK, compliance=COMPLIANCE, ground_damping=GROUND_DAMPING),
     "landing": scenario(q=lifted(0.03), u=moving(vx=0.3, vz=-0.5), stiffness=100.0, damping=4.0),
 }
 
@@ -120,6 +122,17 @@ def test_at_rest_the_ground_carries_the_weight(motions):
         np.testing.assert_allclose(motion.force[late, :, 2].sum(-1), MASS * GRAVITY, atol=WEIGHT_TOLERANCE)
         assert np.abs(motion.u[late]).max() < ROUNDING
         assert np.abs(motion.q[-1] - SCENARIOS["rest"].q).max() < ROUNDING
+
+
+def test_a_soft_ground_swings_as_four_springs_with_dampers_do(motions):
+    """z'' = -g - (4/m) (z / C + b z') from rest at z = 0."""
+    square, decay = 4.0 / (MASS * COMPLIANCE), 2.0 * GROUND_DAMPING / MASS
+    swing, sag, errors = np.sqrt(square - decay**2), GRAVITY / square, []
+    for motion in motions["soft"]:
+        t = motion.h * np.arange(1, len(motion.q) + 1)
+        expected = sag * (np.exp(-decay * t) * (np.cos(swing * t) + decay / swing * np.sin(swing * t)) - 1.0)
+        errors.append(np.abs(motion.q[:, 2] - SCENARIOS["soft"].q[2] - expected).max())
+    assert (orders("soft ground, height, m", errors) > ORDER).all() and errors[NOMINAL] < 0.1 * sag
 
 
 def test_sliding_decelerates_by_mu_g_and_stops(motions):

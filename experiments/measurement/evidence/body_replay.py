@@ -93,7 +93,7 @@ class BodyReplay:
         on_torso = on_torso - jnp.concatenate([foot_force.sum(0), mv(s.R_WB.T, jnp.cross(arm, foot_force).sum(0))])
         normal = (foot_force * n).sum(-1)
         velocity = _foot_velocity(s.R_WB, row.u, arm, leg_jacobian)
-        give = jnp.broadcast_to(params.compliance, (4,)) * normal
+        give = params.compliance * (normal + params.ground_damping * (velocity * n).sum(-1))
         friction = jnp.broadcast_to(params.friction, (4,))
         return BodyResidual(
             torso=on_torso,
