@@ -55,5 +55,6 @@ EFFECTS = (
         {"command": _command},
         memory=3 * LONGEST,
         seeds=({"delay": 0.0006}, {"delay": 0.006}),
+        sharp=True,
     ),
 )

@@ -75,7 +75,9 @@ class Effect:
     equations maps a hook (see HOOKS) to a function `(p, value, signals) -> value`, where `p.<name>` holds the
     effect's parameters; with `memory` > 0 it is `(p, value, signals, memory) -> (value, memory)` and memory is
     an array (places, memory) that starts at zero. `seeds` are further starts for the shape parameters, for
-    effects whose error has several valleys; some logs bring starts of their own.
+    effects whose error has several valleys; some logs bring starts of their own. A `sharp` effect (an edge, a
+    strong bend) changes a replay in no way that is near proportional to its strength: it is tried at several of them.
+    A `fine` one repeats within the motion of a joint, so that only time tells whether it is steady.
     """
 
     name: str
@@ -86,6 +88,8 @@ class Effect:
     equations: Mapping[str, Callable[..., Any]] = field(hash=False)
     memory: int = 0
     seeds: tuple[Mapping[str, float], ...] = field(default=(), hash=False)
+    sharp: bool = False
+    fine: bool = False
 
     def __post_init__(self) -> None:
         if not re.fullmatch(NAME, self.name):

@@ -73,6 +73,7 @@ EFFECTS = (
         ),
         {"friction": _stribeck},
         seeds=({"velocity": 0.05}, {"velocity": 1.0}),
+        sharp=True,
     ),
     Effect(
         "load_friction",

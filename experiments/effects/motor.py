@@ -59,6 +59,7 @@ EFFECTS = (
         "joint",
         (Parameter("per_square_current", "1/A^2", 0.0, 0.05, 0.005),),
         {"motor_torque": _saturation},
+        sharp=True,
     ),
     Effect(
         "torque_ripple",
@@ -73,6 +74,7 @@ EFFECTS = (
             Parameter("harmonic", "periods per turn of the gear output", 10.0, 3000.0, 600.0, "shape"),
         ),
         {"motor_torque": _ripple},
+        fine=True,
     ),
     Effect(
         "bus_voltage_sag",
@@ -85,5 +87,6 @@ EFFECTS = (
         ),
         {"supply_voltage": _sag},
         seeds=({"switching": 0.0},),
+        sharp=True,
     ),
 )

@@ -87,5 +87,6 @@ EFFECTS = (
             "replay_timing": _ages,
         },
         memory=5 * LONGEST,
+        sharp=True,
     ),
 )

@@ -44,6 +44,7 @@ EFFECTS = (
         (Parameter("half_width", "rad", 0.0, 0.15, 0.01),),
         {"deflection": _backlash, "spring": _loose},
         seeds=({"half_width": 0.002}, {"half_width": 0.03}),
+        sharp=True,
     ),
     Effect(
         "spring_stiffness",
@@ -60,6 +61,7 @@ EFFECTS = (
         "joint",
         (Parameter("cubic", "N m/rad^3", -300.0, 3000.0, 30.0),),
         {"spring": _stiffening},
+        sharp=True,
     ),
     Effect(
         "spring_damping",
@@ -80,5 +82,6 @@ EFFECTS = (
         ),
         {"spring": _hysteresis},
         memory=1,
+        sharp=True,
     ),
 )

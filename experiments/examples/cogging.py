@@ -27,4 +27,5 @@ EFFECT = Effect(
         Parameter("cosine", "N m at the rotor", -0.1, 0.1, 0.005),
     ),
     equations={"motor_torque": cogging},
+    fine=True,  # many periods within a joint's motion: only time tells whether it is steady
 )

@@ -1,5 +1,6 @@
 """Which stages a diagnosis goes through: with the nominal numbers as they stand, and with numbers a little off."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -10,6 +11,7 @@ from experiments.measurement.selection import stages as module
 from experiments.measurement.selection.belief import LEAST_GAIN
 from experiments.measurement.selection.select import NOISE
 from experiments.measurement.selection.stages import LITTLE, ROUGH, SEVERAL, WELL_EXPLAINED
+from experiments.measurement.selection.steadiness import _states_of
 
 
 def stages(
@@ -111,3 +113,13 @@ def test_a_curved_effect_is_tried_at_several_strengths(name: str) -> None:
     """A cube says little of itself near zero, and so does a strong saturation: what scored was another effect."""
     changes, variants = changes_of((LIBRARY[name],))
     assert len(variants) == 4 and max(c.step for c in changes) >= 10 * min(c.step for c in changes)
+
+
+def test_an_effect_of_the_users_that_says_it_is_sharp_is_tried_so_too() -> None:
+    own = replace(LIBRARY["cubic_friction"], name="own")
+    assert [len(changes_of((one,))[1]) for one in (own, replace(own, sharp=True))] == [1, 4]
+
+
+def test_only_time_tells_whether_a_fine_effect_is_steady() -> None:
+    own = replace(LIBRARY["cubic_friction"], name="own")
+    assert [len(_states_of(one)) for one in (own, replace(own, fine=True), replace(own, sharp=True))] == [4, 1, 1]

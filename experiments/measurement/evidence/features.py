@@ -42,11 +42,6 @@ class Variant(NamedTuple):
 
 # fitted beside every hypothesis, never one
 NUISANCES = frozenset({LOOP_TIMING.name, LINK_COM.name, BEARING_FRICTION.name})
-SHARP = frozenset(
-    "backlash command_delay sensor_delay stribeck_friction spring_hysteresis spring_stiffening bus_voltage_sag "
-    "torque_constant_saturation".split()
-)
-
 
 Seeds = Mapping[str, tuple[Mapping[str, float], ...]]  # starts of the shape parameters, by effect
 
@@ -79,7 +74,7 @@ def _shapes_and_sizes(
     shapes = {
         tuple(sorted({**default, **{k: v for k, v in seed.items() if k not in strengths}}.items())) for seed in seeds
     }
-    curved = effect.name in SHARP or (effect.memory and effect.name not in NUISANCES)
+    curved = effect.sharp or (effect.memory and effect.name not in NUISANCES)
     sizes = SIZES if curved else (SMALL_STEP,)
     plain = tuple(sorted(default.items()))  # a nominal number is what the first change of its effect changes
     for shape in sorted(shapes, key=lambda shape: (shape != plain, shape)):

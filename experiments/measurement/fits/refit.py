@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from experiments.measurement.evidence.features import SHARP
 from experiments.measurement.evidence.log_evidence import Evidence, Point
 from experiments.measurement.fits.fit_problem import Normal, Problem
 from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
@@ -70,7 +69,7 @@ def refit_effects(
 def _plausible(log: Evidence, placed: Placed) -> list[Placed]:
     """A sharp effect with its own shape and all its strengths at a multiple of their start; none of another effect."""
     effect = next(e for e in log.atoms.effects if e.name == placed.effect)
-    if effect.name not in SHARP:
+    if not effect.sharp:
         return []
     strengths = [{p.name: np.clip(size * p.start, p.low, p.high) for p in effect.strengths} for size in PLAUSIBLE]
     return [placed._replace(parameters={**placed.parameters, **values}) for values in strengths]

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from experiments.measurement.evidence.features import SHARP
 from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fits.nominal import numbers_among
@@ -29,7 +28,8 @@ def as_numbers(
     """
     off = numbers_among(found.fit.effects, nominal)
     kept = [k for k, placed in enumerate(found.fit.effects) if placed not in off]
-    if not off or not any(found.fit.effects[k].effect in SHARP for k in kept):
+    sharp = {effect.name for effect in logs[0].atoms.effects if effect.sharp}
+    if not off or not any(found.fit.effects[k].effect in sharp for k in kept):
         return None
     train, test = halves(logs)
     begun = Rung(found.ladder[0].name, alone, refit(logs, (), nominal, alone, train, SHORT_FIT))

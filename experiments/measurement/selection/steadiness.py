@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.effects.effect import Effect
-from experiments.measurement.evidence.features import SHARP, gain, projected
+from experiments.measurement.evidence.features import gain, projected
 from experiments.measurement.evidence.log_evidence import Evidence, LocalPart
 from experiments.measurement.evidence.states import States, states_of
 from experiments.measurement.fits.fit_problem import Problem
@@ -75,8 +75,8 @@ def changes_in(logs: Sequence[Evidence], fit: Refitted, nominal: Sequence[Nomina
 def _states_of(effect: Effect) -> tuple[str, ...]:
     """What an effect's strength must not change with: of one with a memory, an edge or a fine period, only time
     tells."""
-    fine = effect.memory or effect.name in SHARP | {"torque_ripple"}
-    return ("time",) if fine or effect.axis != "joint" else ("time", "position", "speed", "load")
+    only_time = effect.memory or effect.sharp or effect.fine
+    return ("time",) if only_time or effect.axis != "joint" else ("time", "position", "speed", "load")
 
 
 def _fitted(logs: Sequence[Evidence], fit: Refitted, nominal: Sequence[Nominal]) -> _Fitted:
