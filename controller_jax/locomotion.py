@@ -24,7 +24,7 @@ from controller_jax.swing_leg import FootMotion, SwingParams, joint_positions, s
 from controller_jax.terrain_estimator import Plane, TerrainParams
 from controller_jax.torso_motion import TorsoParams, TorsoTarget, torso_target
 from controller_jax.types import Array, JointTargets, LegGeometry, RobotState
-from controller_jax.velocity_command import VelocityCommand, VelocityParams, learn, smooth
+from controller_jax.velocity_command import VelocityCommand, VelocityParams, integrated_trim, smoothed_command
 from controller_jax.virtual_model import Gains, IntegralLimits, Integrals, init_integrals, virtual_model
 
 
@@ -108,11 +108,11 @@ def step(
     period: Array,
 ) -> tuple[LocomotionState, JointTargets, LocomotionInfo]:
     """One control period (s): what the joints should do, given the robot, the operator's command and the time."""
-    legs, feet, soles_W, slip_W = _sense(geometry, robot, state.plane)
+    legs, feet, soles_W, slip_velocity_W = _sense(geometry, robot, state.plane)
     pattern, phase, stepping = _schedule(params, state.phase, time, period)
     phases = gait.leg_phases(pattern, phase)
     memory, roles, events = leg_coordination.coordinate(
-        params.coordination, state.legs, phases, robot.contact, soles_W, slip_W, state.plane.normal_W, period
+        params.coordination, state.legs, phases, robot.contact, soles_W, slip_velocity_W, state.plane.normal_W, period
     )
     plane = terrain_estimator.estimate(params.terrain, state.plane, memory.foothold_W, period)
     # without the barrier XLA fits the plane again for each of its many uses: 8 % of the whole loop
@@ -153,16 +153,16 @@ def _sense(geometry: LegGeometry, robot: RobotState, plane: Plane) -> tuple[LegK
     feet = soles(geometry, legs, robot.q, robot.qd, robot.R_WB, plane.normal_W)
     soles_W = robot.r_WB[None] + mv(robot.R_WB[None], feet.r_BS_B)
     omega = jnp.broadcast_to(robot.omega_B, (4, 3))
-    slip_W = robot.v_WB[None] + mv(robot.R_WB[None], cross(omega, feet.r_BS_B) + feet.v_BS_B)
-    return legs, feet, soles_W, slip_W
+    slip_velocity_W = robot.v_WB[None] + mv(robot.R_WB[None], cross(omega, feet.r_BS_B) + feet.v_BS_B)
+    return legs, feet, soles_W, slip_velocity_W
 
 
 def _wanted_velocity(params, state, robot, R_WC, command, stepping, period) -> tuple[VelocityCommand, VelocityCommand]:
     """The smoothed command, and what is added to it for the mean velocity to meet it."""
     # a torso that leaves before its feet do overstretches the legs behind it
     wanted = VelocityCommand(*(stepping * speed for speed in command))
-    smoothed = smooth(params.velocity, state.command, wanted)
-    return smoothed, learn(params.velocity, state.trim, smoothed, torso_velocity(robot, R_WC), period)
+    smoothed = smoothed_command(params.velocity, state.command, wanted)
+    return smoothed, integrated_trim(params.velocity, state.trim, smoothed, torso_velocity(robot, R_WC), period)
 
 
 def torso_velocity(robot: RobotState, R_WC: Array) -> VelocityCommand:

@@ -63,6 +63,6 @@ def advance(
 
 
 def settled(settings: SquatJumpSettings, state: SquatJumpState, elapsed: Array) -> Array:
-    """1.0 in the crouch, and when the robot stands again."""
+    """1.0 in the crouch, and once the time that a rise takes has passed since touch-down."""
     still = (state.phase == CROUCH) | ((state.phase == LANDING) & (elapsed > settings.rise_time))
     return still.astype(jnp.float32)

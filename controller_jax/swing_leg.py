@@ -113,7 +113,7 @@ def within_stride_width(geometry: LegGeometry, r_BF_B: Array) -> Array:
     With the joint alone clamped, a leg as long as the way to the target would strike the ground before its time.
     """
     stops = jnp.tan(geometry.position_limits.reshape(4, 3, 2)[:, 0])
-    y, height = r_BF_B[:, 1] - geometry.r_BH_B[:, 1], jnp.maximum(-r_BF_B[:, 2], 0.0)
+    y, height = r_BF_B[:, 1] - geometry.r_BH_B[:, 1], jnp.maximum(geometry.r_BH_B[:, 2] - r_BF_B[:, 2], 0.0)
     y = jnp.clip(y, height * stops[:, 0], height * stops[:, 1])
     return jnp.stack([r_BF_B[:, 0], geometry.r_BH_B[:, 1] + y, r_BF_B[:, 2]], -1)
 

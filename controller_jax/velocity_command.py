@@ -29,7 +29,7 @@ class VelocityParams(NamedTuple):
     most_trim: VelocityCommand  # clamp of the trim against windup
 
 
-def smooth(params: VelocityParams, current: VelocityCommand, wanted: VelocityCommand) -> VelocityCommand:
+def smoothed_command(params: VelocityParams, current: VelocityCommand, wanted: VelocityCommand) -> VelocityCommand:
     """One control period of a first-order approach to the bounded command."""
 
     def approach(bound, share, now, goal):
@@ -38,7 +38,7 @@ def smooth(params: VelocityParams, current: VelocityCommand, wanted: VelocityCom
     return jax.tree.map(approach, params.maximum, params.smoothing, current, wanted)
 
 
-def learn(
+def integrated_trim(
     params: VelocityParams, trim: VelocityCommand, command: VelocityCommand, measured: VelocityCommand, period: Array
 ) -> VelocityCommand:
     """Trim after one control period (s) of the torso's velocity being `measured` where `command` was due."""

@@ -24,7 +24,7 @@ from controller_jax.swing_leg import joint_positions, swing_motion
 from controller_jax.terrain_estimator import Plane
 from controller_jax.torso_motion import TorsoTarget, torso_target
 from controller_jax.types import JointTargets, LegGeometry, RobotState
-from controller_jax.velocity_command import VelocityCommand, smooth
+from controller_jax.velocity_command import VelocityCommand, smoothed_command
 from controller_jax.virtual_model import Integrals, virtual_model
 from experiments.smooth.forces import smooth_forces, tangential
 from experiments.smooth.laws import Widths, clip, step
@@ -91,7 +91,8 @@ def control(
     R_WC = control_frame(R_WB, plane.normal_W)
     swing = (1.0 - gait.duty_factors(pattern)) * pattern.stride_duration
     stepping = step(swing.min() - params.start.shortest_swing, widths.time)
-    smoothed = smooth(params.velocity, state.command, VelocityCommand(*(stepping * speed for speed in command)))
+    wanted = VelocityCommand(*(stepping * speed for speed in command))
+    smoothed = smoothed_command(params.velocity, state.command, wanted)
     asked = jax.tree.map(jnp.add, smoothed, state.trim)
 
     target = torso_target(params.torso, pattern, phases, phase, soles_W, plane, R_WC, asked, geometry.gravity)

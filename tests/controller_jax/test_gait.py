@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controller_jax import gait
-from controller_jax.velocity_command import VelocityCommand, VelocityParams, learn, smooth
+from controller_jax.velocity_command import VelocityCommand, VelocityParams, integrated_trim, smoothed_command
 
 # FACTS 3.3: T, fore duty, hind duty, fore lag, hind lag, pair lag
 GAITS = {
@@ -108,7 +108,7 @@ def test_command_is_bounded_and_smoothed():
     params = VelocityParams(make(bounds), make(shares), make((0.0,) * 3), make((0.0,) * 3))
     command, expected = make((0, 0, 0)), np.zeros(3)
     for _ in range(300):
-        command = smooth(params, command, make((2.0, -0.1, 0.5)))
+        command = smoothed_command(params, command, make((2.0, -0.1, 0.5)))
         expected += np.array(shares) * (np.array([1.0, -0.1, 0.5]) - expected)
     np.testing.assert_allclose([float(x) for x in command], expected, rtol=1e-4)
 
@@ -118,7 +118,7 @@ def test_trim_makes_up_for_a_share_of_the_speed_that_is_lost():
     none = velocity((0.0, 0.0, 0.0))
     params = VelocityParams(none, none, velocity((rate, 0.0, rate)), velocity((1.0, 1.0, 0.05)))
     kept, command, trim = 0.85, velocity((0.4, 0.2, 0.5)), none
-    step = jax.jit(lambda trim, measured: learn(params, trim, command, measured, jnp.float32(period)))
+    step = jax.jit(lambda trim, measured: integrated_trim(params, trim, command, measured, jnp.float32(period)))
     for _ in range(1200):
         measured = jax.tree.map(lambda due, more: kept * (due + more), command, trim)
         trim = step(trim, measured)

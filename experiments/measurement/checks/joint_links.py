@@ -24,8 +24,8 @@ NOISE: Final = (40.0, 120.0)
 RATE_FLOOR: Final = 5e-3
 MODEL_FLOOR: Final = 0.02
 TRANSMISSION_FLOOR: Final = 5e-3
-# s: the inner loop follows the velocity it is asked for with this lag (600 rad/s, FACTS 2.2)
-DRIVE_LAG: Final = 1.5e-3
+# s: the inner loop follows the velocity it is asked for with this lag (the authors', FACTS 2.2)
+DRIVE_LAG: Final = 1.55e-3
 # samples: delays between a command and the answer are an effect ('command_delay') up to here
 COMMAND_LAGS: Final = (-2.5, 8.5)
 FOLLOWING: Final = (-2.5, 60.0)  # samples by which a controller may follow

@@ -8,6 +8,7 @@ import numpy as np
 from experiments.measurement.checks.faults import Fault, counted
 from experiments.measurement.checks.matching import Array
 from experiments.measurement.logs.log import Log
+from experiments.measurement.logs.noise_floor import MAD_TO_STD
 
 _GAP: Final = 1.5  # periods between two rows from which on the time itself tells that a row is missing
 _JUMP: Final = 8.0  # robust standard deviations
@@ -60,7 +61,7 @@ def _side(log: Log, side: str, steps: Array) -> _Side | None:
     if not judged.any():
         return None
     surprise, motion = surprise[:, judged], speed[:, judged] * log.sample_period
-    spread = 1.4826 * np.nanmedian(np.abs(surprise - np.nanmedian(surprise, axis=0)), axis=0)
+    spread = MAD_TO_STD * np.nanmedian(np.abs(surprise - np.nanmedian(surprise, axis=0)), axis=0)
     surprise, motion = surprise / np.maximum(spread, 1e-12), motion / np.maximum(spread, 1e-12)
     along, power = np.nansum(surprise * motion, axis=1), np.maximum(np.nansum(motion**2, axis=1), 1e-12)
     return _Side((np.abs(surprise) > _JUMP).mean(1), along / power, along / np.sqrt(power))

@@ -9,6 +9,7 @@ from experiments.measurement.checks.faults import Fault, counted, listed
 from experiments.measurement.checks.matching import Array
 from experiments.measurement.checks.time_faults import LEAST_ROWS, is_measured
 from experiments.measurement.logs.log import Log, signal_names
+from experiments.measurement.logs.noise_floor import MAD_TO_STD
 
 _NOISE: Final = 100.0  # robust standard deviations of the usual bend at a sample; a knee at its stop makes 40
 _BACK: Final = 0.3  # of the leap, by which the samples before and after may differ; a blow leaves more
@@ -42,5 +43,5 @@ def _leaps(column: Array, of_range: float) -> Array:
     if there.sum() < LEAST_ROWS or not np.isfinite(bend).any():
         return np.zeros(len(bend), dtype=bool)
     low, high = np.percentile(column[there], [0.5, 99.5])
-    usual = max(_NOISE * 1.4826 * np.nanmedian(bend), of_range * (high - low))
+    usual = max(_NOISE * MAD_TO_STD * np.nanmedian(bend), of_range * (high - low))
     return (usual > 0) & (bend > usual) & (np.abs(column[2:] - column[:-2]) < _BACK * bend)

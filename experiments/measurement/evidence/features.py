@@ -100,7 +100,7 @@ class Products:
     """Inner products of columns per block: of features (by change and place), of nuisances and of the residual.
 
     gram (B, c, c) with the residual as the last column; feature (change k, place i) is column start[k] + i.
-    prior (c,): inverse variance of a nuisance's coefficient, 0 for features. points (B,): residuals in each block.
+    prior (c,): inverse variance of a nuisance's coefficient, 0 for features.
     """
 
     gram: np.ndarray

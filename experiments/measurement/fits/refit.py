@@ -1,7 +1,8 @@
 """Refit: the chosen effects, together with the robot's nominal numbers, in the full non-linear replay.
 
-Gauss-Newton with a trust region on the effects' parameters within their bounds. Fitted beside them, each with a
-prior: what the robot's nominal numbers may be off by, the first motor angle, and constant errors of the channels.
+Damped Gauss-Newton (Levenberg and Marquardt) on the effects' parameters within their bounds. Fitted beside them, each
+with a prior: what the robot's nominal numbers may be off by, the first motor angle, and constant errors of the
+channels.
 """
 
 from collections.abc import Sequence

@@ -24,7 +24,7 @@ class Try(NamedTuple):
 
 
 class Proof(NamedTuple):
-    """One effect on one log that it was not fitted to; worst channel over noise without and with it."""
+    """One effect on one log that it was not fitted to: the log as fitted without it and with it."""
 
     log: str
     index: int
