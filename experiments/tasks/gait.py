@@ -131,7 +131,8 @@ def make_task(definition: TaskDefinition, model: Model) -> GaitTask:
     wrong = set(definition.settings) - {"careful"} ^ known
     if wrong:
         raise UserError(
-            f"Task {task}: its settings are {', '.join(sorted(known))}; correct the key '{shown(min(wrong))}'."
+            f"Task {task}: its settings are {', '.join(sorted(known))}, and perhaps careful; correct the key "
+            f"'{shown(min(wrong))}'."
         )
     controller = controller_from_settings(definition.settings["controller"], numbers, task)
     careful, caution = careful_from_settings(definition.settings.get("careful"), controller, numbers, task)

@@ -23,6 +23,8 @@ from experiments.errors import UserError
 from experiments.files import read_json, shown
 
 MAX_BYTES = 1_000_000
+# rad and m/s that no ground and no gait has
+NEVER: Final[Mapping[str, Any]] = MappingProxyType({"slope": [1e3, 2e3], "excess": [1e3, 2e3]})
 # Numbers of the controller that are vectors, and their lengths; all others are scalars.
 VECTORS: Final[Mapping[str, int]] = MappingProxyType(
     dict.fromkeys((f"gains.{kind}_{gain}" for kind in ("force", "torque") for gain in "pid"), 3)
@@ -134,19 +136,20 @@ def careful_from_settings(
 ) -> tuple[GaitParams, CautionParams]:
     """The careful form of a gait, given like its controller, and when it goes over to it; without one it stays itself.
 
-    Raises UserError for a missing, unknown or misformed number.
+    A slope or an excess of speed that the file does not give never asks for care. Raises UserError for a missing,
+    unknown or misformed number.
     """
     if settings is None:
-        never = jnp.float32([1e3, 2e3])
-        return controller, CautionParams(never, never, jnp.float32(1.0), jnp.float32(1.0))
-    if not isinstance(settings, Mapping) or set(settings) != {"caution", "controller"}:
+        return controller, _read(CautionParams, {**NEVER, "rise": 1.0, "calm": 1.0}, {}, "caution", task)
+    both = isinstance(settings, Mapping) and set(settings) == {"caution", "controller"}
+    if not both or not isinstance(settings["caution"], Mapping):
         raise UserError(f"Task {task}: settings.careful must be an object of caution and controller.")
-    caution = _read(CautionParams, settings["caution"], {}, "caution", task)
+    caution = _read(CautionParams, {**NEVER, **settings["caution"]}, {}, "caution", task)
     if not all(float(one[0]) < float(one[1]) for one in (caution.slope, caution.excess)):
         raise UserError(f"Task {task}: settings.careful.caution: slope and excess must be two growing numbers each.")
     if min(float(caution.rise), float(caution.calm)) <= 0.0:
         raise UserError(f"Task {task}: settings.careful.caution: rise and calm must be more than zero seconds.")
-    return controller_from_settings(settings["controller"], robot, task), caution
+    return controller_from_settings(settings["controller"], robot, f"{task}, careful form"), caution
 
 
 def robot_numbers(robot: Mapping[str, Any]) -> dict[str, Array]:

@@ -26,6 +26,34 @@ def test_a_task_that_makes_no_sense_is_one_sentence(task: str, change: dict, mat
     assert "\n" not in str(error.value)
 
 
+USUAL = {"slope": [0.1, 0.2], "excess": [0.3, 0.5], "rise": 0.1, "calm": 2.0}
+
+
+@pytest.mark.parametrize(
+    ("caution", "match"),
+    [
+        ([], "an object of caution and controller"),
+        (USUAL | {"slope": [0.2, 0.1]}, "slope and excess must be two growing numbers"),
+        (USUAL | {"excess": [0.5, 0.5]}, "slope and excess must be two growing numbers"),
+        (USUAL | {"rise": 0.0}, "rise and calm must be more than zero"),
+        (USUAL | {"colour": 1.0}, "does not know 'colour'"),
+    ],
+)
+def test_a_careful_form_that_makes_no_sense_is_one_sentence(caution, match: str) -> None:
+    content = load_task("running_trot").model_dump(mode="json")
+    content["settings"]["careful"]["caution"] = caution
+    with pytest.raises(UserError, match=match) as error:
+        make_task(parse_task(content, "task.json"), nominal_model())
+    assert "\n" not in str(error.value)
+
+
+def test_what_a_careful_form_does_not_name_never_asks_for_it() -> None:
+    content = load_task("running_trot").model_dump(mode="json")
+    content["settings"]["careful"]["caution"] = {"rise": 0.1, "calm": 2.0}
+    caution = make_task(parse_task(content, "task.json"), nominal_model()).settings.caution
+    assert min(*caution.slope, *caution.excess) > 100.0
+
+
 def test_a_bound_that_float32_does_not_hold_is_refused() -> None:
     content = load_task("squat_jump").model_dump(mode="json")
     content["parameters"][0]["high"] = 1e300
