@@ -113,8 +113,14 @@ def command(
         searched=generations != 0,
         search_law=perturbations_of_search(definition, perturbations, robot, library),
         refine=refine,
+        files=files_of(task, model, effects),
     )
     _search(options, output or Path("runs") / definition.task)
+
+
+def files_of(task: str, model: Path | None = None, effects: list[Path] | None = None) -> dict[str, object]:
+    """The options by which a replay reads the files that the search has read."""
+    return {"--model": model, "--effects": effects, "--task": task if task.endswith(".json") else None}
 
 
 def _definition(
@@ -146,6 +152,7 @@ def _search(options: "TuneOptions", folder: Path) -> None:
     """Search in the folder, or go on with what it holds."""
     from experiments.cli.progress import SearchProgress
     from experiments.distributed import is_first, leaving_alone, open_run_together
+    from experiments.export import replay_line
     from experiments.smooth.rollout import smooth_rollout
     from experiments.tasks.registry import make_task
     from experiments.tune import tune
@@ -153,6 +160,7 @@ def _search(options: "TuneOptions", folder: Path) -> None:
     definition, refine = options.definition, options.refine
     # what does not fit together is refused before there is a folder
     make_task(definition, options.model)
+    replay_line(options, folder)
     if refine:
         smooth_rollout(options.model, definition, options.library)
     with leaving_alone(), open_run_together(folder, "tune", options.settings()) as run:
