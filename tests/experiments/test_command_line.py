@@ -121,3 +121,13 @@ def test_robustness_on_another_model_than_the_jumps_says_so(capsys) -> None:
     _say_other_model(plan("bb"))
     shown = capsys.readouterr()
     assert shown.out == "" and shown.err.count("\n") == 1 and "tuned on the model aa and is tried on bb" in shown.err
+
+
+@pytest.mark.parametrize("words", [["--where", "LF_KFE"], ["--parameter", "coefficient=1"]], ids=" ".join)
+def test_an_effect_is_described_only_with_its_name(app: typer.Typer, words: list[str], tmp_path, monkeypatch) -> None:
+    from experiments.cli import bench_learned
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(bench_learned, "start_jax", lambda _: pytest.fail("ignored"))
+    ended = CliRunner().invoke(app, ["bench", "learned", *words])
+    assert isinstance(ended.exception, UserError) and "give it by --effect" in str(ended.exception)
