@@ -129,7 +129,7 @@ def _learned(folder: Path, path: Path, say: Callable[[str], None]) -> tuple[Mapp
     log, nominal = read_checked(path, None, nominal_model()), nominal_model()
     answer = diagnose([log], nominal, LIBRARY, say).answer
     wanted = [(entry["effect"], entry["where"]) for entry in answer["effects"]]
-    model = learn([log], nominal, LIBRARY, wanted)[0] if wanted else nominal
+    model = learn([log], nominal, LIBRARY, wanted) if wanted else nominal
     write_json(told, answer)
     save_model(learned, model)
     return answer, model
