@@ -89,10 +89,7 @@ def command(
     terminate_as_interrupt()
     whole_loops()
     start_jax(devices)
-    if distributed or any(one is not None for one in (coordinator, processes, process)):
-        from experiments.distributed import join
-
-        join(coordinator, processes, process)
+    _meet_others(distributed, coordinator, processes, process)
     from experiments.effects.library import load_effects
     from experiments.model import load_model
     from experiments.perturbations import perturbations_of_search, perturbations_of_task
@@ -116,6 +113,14 @@ def command(
         files=files_of(task, model, effects),
     )
     _search(options, output or Path("runs") / definition.task)
+
+
+def _meet_others(distributed: bool, coordinator: str | None, processes: int | None, process: int | None) -> None:
+    """Become one of several processes, if the options say so. Raises UserError."""
+    if distributed or any(one is not None for one in (coordinator, processes, process)):
+        from experiments.distributed import join
+
+        join(coordinator, processes, process)
 
 
 def files_of(task: str, model: Path | None = None, effects: list[Path] | None = None) -> dict[str, object]:
