@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from es import SearchResult
+from experiments.command_line import command_line
 from experiments.parameter_file import gate, now, parameter, write_parameters
 from experiments.parameter_schema import Metric, PerturbedTrials, Spread
 from experiments.recording import gait_record, jump_record, write_motion
@@ -144,8 +145,13 @@ def parameter_fields(
         },
         "versions": versions(),
         "created": now(),
-        "command": f"starleth replay {folder}",
+        "command": replay_line(options, folder),
     }
+
+
+def replay_line(options: "TuneOptions", folder: Path) -> str:
+    """The command that replays what a search leaves in its folder. Raises UserError where it is too long to be kept."""
+    return command_line(("replay", folder), options.files)
 
 
 def metrics(task: str, judged: Judged) -> dict[str, Metric]:

@@ -132,11 +132,10 @@ class ParameterFile(Record):
         return {parameter.name: parameter.value for parameter in self.parameters}
 
 
-def json_schema() -> dict[str, Any]:
-    """JSON Schema (2020-12) of the file, from the model."""
-    schema = ParameterFile.model_json_schema()
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA_ID} | schema
+def json_schema(record: type[Record], name: str) -> dict[str, Any]:
+    """JSON Schema (2020-12) of a record's files, published under a name."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": name} | record.model_json_schema()
 
 
 if __name__ == "__main__":
-    print(json.dumps(json_schema(), indent=1, ensure_ascii=False))
+    print(json.dumps(json_schema(ParameterFile, SCHEMA_ID), indent=1, ensure_ascii=False))

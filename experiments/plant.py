@@ -183,7 +183,9 @@ def make_plant(model: Model, drive: str = "full", library: dict[str, Effect] = L
     if drive not in DRIVES:
         raise UserError(f"No drive '{drive}'; choose one of {', '.join(DRIVES)}.")
     if model.numbers is None:
-        raise UserError("This model is a single joint on a bench: it has no legs to simulate.")
+        raise UserError(
+            "This model is a single joint on a bench: it has no legs to simulate; give a model of the robot."
+        )
     numbers = model.numbers.model_dump(mode="json")
     periods = periods_from_numbers(numbers)
     # written out for this robot: a quarter of the time and of the compile time of MJX's general tree

@@ -57,6 +57,7 @@ class TuneOptions:
     searched: bool = True  # False: the initial guess stands for the result of a search
     search_law: Perturbations | None = None  # what the search's candidates meet; None: the same
     refine: int = 0  # steps of the refinement, which is an own step after the search: no setting of it
+    files: Mapping[str, object] = field(default_factory=dict)  # options that name the user's files a replay needs, too
 
     def drive_for(self, stage_drive: str) -> str:
         """The drive of a stage that asks for this one."""

@@ -1,7 +1,6 @@
 """`starleth bench gaits`: how long the gaits keep going, and what throws them over."""
 
 import json
-import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -43,6 +42,7 @@ def gaits(
 ) -> None:
     whole_loops()
     start_jax(devices)
+    from experiments.command_line import command_line
     from experiments.files import refuse_unwritable, write_json
     from experiments.gait_benchmark.run import Plan, find_motions, measure
     from experiments.model import load_model
@@ -58,7 +58,6 @@ def gaits(
         results.append(result)
         print(json.dumps(result.figures), flush=True)
         write_json(folder / "gaits.json", [r.figures for r in results])
-    own = () if task is None else ("--task", task)
-    counts = ("--trials", str(trials), "--cycles", str(cycles))
-    line = shlex.join(["starleth", "bench", "gaits", *(names or ()), *own, *counts])
+    given = {"--trials": trials, "--cycles": cycles, "--sweep-trials": sweep_trials, "--no-mujoco-c": not mujoco_c}
+    line = command_line(("bench", "gaits", *(names or ())), given | {"--model": model, "--task": task})
     write_gait_benchmark_report(folder / "report.html", results, robot.numbers, line)

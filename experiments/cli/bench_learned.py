@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from experiments.cli.options import DevicesOption, SeedOption, available_cores, start_jax, whole_loops
+from experiments.errors import UserError
 
 HELP = """What is a learned effect worth in the next jump?
 
@@ -31,7 +32,7 @@ through.
 
 def learned(
     effect: Annotated[str | None, typer.Option(help="Hide this one, by its name in the second plant.")] = None,
-    where: Annotated[str, typer.Option(help="Where it acts.")] = "all",
+    where: Annotated[str | None, typer.Option(help="Where it acts. Default: all.")] = None,
     parameter: Annotated[list[str] | None, typer.Option(help="name=value, may be repeated.")] = None,
     generations: Annotated[
         int, typer.Option(min=4, max=100_000, help="Of the first search; the one that goes on has half as many.")
@@ -42,13 +43,15 @@ def learned(
         Path, typer.Option("--output", "-o", help="Folder for logs, runs and results; what it holds is not done again.")
     ] = Path("runs/bench_learned"),
 ) -> None:
+    if effect is None and (where is not None or parameter):
+        raise UserError("--where and --parameter describe the effect that is hidden; give it by --effect.")
     whole_loops()
     start_jax(devices)
     from experiments.diagnosis_benchmark.beyond_log import HIDDEN, beyond_log
     from experiments.files import write_json
     from experiments.independent_plant.practice import parse_hidden
 
-    own = None if effect is None else parse_hidden(" ".join((f"{effect}@{where}", *(parameter or ()))))
+    own = None if effect is None else parse_hidden(" ".join((f"{effect}@{where or 'all'}", *(parameter or ()))))
     results = []
     for hidden in HIDDEN if own is None else (own,):
         results.append(beyond_log(folder, hidden, generations, seed, devices, lambda text: typer.echo(text, err=True)))

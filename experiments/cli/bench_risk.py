@@ -8,6 +8,7 @@ import typer
 
 from experiments.cli.options import DevicesOption, ModelOption, available_cores, start_jax, whole_loops
 from experiments.cli.signals import terminate_as_interrupt
+from experiments.cli.tune import files_of
 
 HELP = """Is a robust search worth its price?
 
@@ -52,7 +53,8 @@ def risk(
     make_answer_folder(folder)
     if generations:
         definition = definition.with_generations(generations)
-    options = TuneOptions(definition, robot, 0, load_perturbations(perturbations, robot), devices=devices)
+    laws, files = load_perturbations(perturbations, robot), files_of(task, model)
+    options = TuneOptions(definition, robot, 0, laws, devices=devices, files=files)
     found = searches(options, trials, seeds)
     motions = np.stack([_tuned(each, folder / f"{name}.seed{seed}") for (name, seed), each in found.items()])
     answer = {"task": definition.task, "trials_per_candidate": trials, "perturbations": perturbations}

@@ -143,7 +143,7 @@ def learn_command(
         raise UserError(f"{shown(output)} is no name for a model file; give one that ends in .json.")
     refuse_unwritable(output)
     _say(f"fitting {', '.join(f'{name} at {where}' for name, where in wanted)} to {len(taken)} log(s)")
-    learned, _, _ = learn(taken, robot, library, wanted, nominal)
+    learned = learn(taken, robot, library, wanted, nominal)
     save_model(output, learned)
     for line in fitted_lines(learned.effects, wanted):
         _say(line)

@@ -1,9 +1,7 @@
 """`starleth robustness`: thousands of perturbed trials of a tuned motion."""
 
-import shlex
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,6 +16,10 @@ from experiments.cli.options import (
     whole_loops,
 )
 from experiments.cli.signals import terminate_as_interrupt
+
+if TYPE_CHECKING:  # JAX must not start before its devices are set
+    from experiments.robustness.analysis import Plan
+    from experiments.robustness.file import RobustnessFile
 
 HELP = """Try a tuned motion under thousands of perturbations and say how often it succeeds.
 
@@ -65,37 +67,50 @@ def command(
     terminate_as_interrupt()
     whole_loops()
     start_jax(devices)
-    from experiments.cli.robustness_progress import RobustnessProgress
+    from experiments.command_line import command_line
     from experiments.effects.library import load_effects
     from experiments.files import json_line
     from experiments.model import load_model
     from experiments.perturbations import load_perturbations
     from experiments.robustness import analysis
-    from experiments.run_folder import open_run
 
     library = load_effects(effects or ())
     robot = load_model(model, library)
     laws = load_perturbations(perturbations, robot, library)
-    given = {"--perturbations": perturbations, "--model": model, "--task": task, "--drive": drive}
-    line = _line(source, seed, given, effects or ())
+    given = {"--seed": seed, "--perturbations": perturbations, "--model": model, "--task": task, "--drive": drive}
+    line = command_line(("robustness", source), given | {"--effects": effects})
     plan = analysis.plan(source, robot, laws, trials, seed, line, task, drive, library, devices, gate)
+    _say_other_model(plan)
     if only is not None:
         print(json_line(analysis.one_trial(plan, only, output)))
         return
-    folder = output or (source if source.is_dir() else source.parent) / "robustness"
-    with (
-        open_run(folder, "robustness", plan.options.settings(), may_differ=("trials",)) as run,
-        RobustnessProgress(trials, folder) as progress,
-    ):
-        found = analysis.analyse(plan, run, progress.update, progress.say)
-        progress.finish(found)
-        run.mark_finished()
+    found = _analysed(plan, output or (source if source.is_dir() else source.parent) / "robustness")
     if found.gate is not None and not found.gate.passed:
         raise typer.Exit(GATE_FAILED)
 
 
-def _line(source: Path, seed: int, given: Mapping[str, object], effects: Sequence[Path]) -> str:
-    """The command that runs the same trials again, for the files that they leave."""
-    words = [str(source), "--seed", str(seed), *(w for k, v in given.items() if v is not None for w in (k, str(v)))]
-    words += [w for path in effects for w in ("--effects", str(path))]
-    return shlex.join(["starleth", "robustness", *words])
+def _analysed(plan: "Plan", folder: Path) -> "RobustnessFile":
+    """All trials in their folder, or those that it lacks. Raises UserError."""
+    from experiments.cli.robustness_progress import RobustnessProgress
+    from experiments.robustness.analysis import analyse
+    from experiments.run_folder import open_run
+
+    with (
+        open_run(folder, "robustness", plan.options.settings(), may_differ=("trials",)) as run,
+        RobustnessProgress(plan.options.trials, folder) as progress,
+    ):
+        found = analyse(plan, run, progress.update, progress.say)
+        progress.finish(found)
+        run.mark_finished()
+    return found
+
+
+def _say_other_model(plan: "Plan") -> None:
+    """The figures of a motion on a model that it was not tuned on are easily taken for those of its own."""
+    tuned_on, model = plan.file.model_hash, plan.options.model.hash()
+    if tuned_on != model:
+        typer.echo(
+            f"The motion was tuned on the model {tuned_on} and is tried on {model}; give the model it was tuned on by "
+            "--model if that is not what you want.",
+            err=True,
+        )

@@ -1,5 +1,6 @@
 """`starleth sweep`: many independent searches, on this machine or a cluster, resumable."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,7 +11,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from experiments.cli.options import EffectsOption, available_cores, finite
 from experiments.cli.search_options import (
     AlphaOption,
-    DriveOption,
     PerturbationsOption,
     PopulationOption,
     RiskOption,
@@ -50,9 +50,11 @@ def command(
         Path | None, typer.Argument(help="A sweep file (.json), or a sweep's folder to go on with.")
     ] = None,
     task: Annotated[list[str] | None, typer.Option(help="A task by name or file; may be repeated.")] = None,
-    seeds: Annotated[str, typer.Option(help="Seeds: 0-7 or 1,4,9-12.")] = "0",
+    seeds: Annotated[str | None, typer.Option(help="Seeds: 0-7 or 1,4,9-12. Default: 0.")] = None,
     model: Annotated[list[str] | None, typer.Option(help="A model file, or nominal; may be repeated.")] = None,
-    drive: DriveOption = "full",
+    drive: Annotated[
+        str | None, typer.Option(help="Drive of the last stages: full (the default), cheap (no current loop) or ideal.")
+    ] = None,
     generations: Annotated[int | None, typer.Option(min=1, help="Generations of each search.")] = None,
     population: PopulationOption = None,
     perturbations: PerturbationsOption = None,
@@ -73,25 +75,31 @@ def command(
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder of the sweep.")] = None,
 ) -> None:
     from experiments.sweep.executors import EXECUTORS, Place
-    from experiments.sweep.run import Extra, array_script, prepare, settings_of
+    from experiments.sweep.run import Extra
 
     if executor not in EXECUTORS:
         raise UserError(f"No executor '{executor}'; choose one of {', '.join(EXECUTORS)}.")
-    chosen = {"seeds": seeds, "drive": drive, "generations": generations, "population": population, "trials": trials}
-    chosen |= {"risk": risk, "alpha": alpha, "perturbations": perturbations}
-    folder, sweep = _sweep(source, task, model, output, chosen)
+    given = {"task": task, "model": model, "seeds": seeds, "drive": drive, "generations": generations}
+    given |= {"population": population, "perturbations": perturbations, "trials": trials, "risk": risk, "alpha": alpha}
+    folder, sweep = _sweep(source, output, {name: value for name, value in given.items() if value is not None})
     extra = Extra(devices, tuple(effects or ()))
     if only is not None:
         raise typer.Exit(_run_one(folder, sweep, extra, only))
     _refuse_unknown(sweep, extra)
     workers = workers or max(1, available_cores() // devices)
     place = Place(executor, workers, devices, scheduler, cluster, hours)  # type: ignore[arg-type]
+    _in_folder(folder, sweep, extra, place, script)
+
+
+def _in_folder(folder: Path, sweep: "Sweep", extra: "Extra", place: "Place", script: bool) -> None:
+    """Run the sweep in its folder, or print the script that does. Raises typer.Exit where members failed."""
     from experiments.run_folder import open_run
+    from experiments.sweep.run import array_script, prepare, settings_of
 
     with open_run(folder, "sweep", settings_of(sweep)) as run:
         prepare(folder)
         if script:
-            print(array_script(folder, sweep, extra, hours), end="")
+            print(array_script(folder, sweep, extra, place.hours), end="")
             return
         if not _run(folder, sweep, extra, place):
             raise typer.Exit(FAILED)
@@ -120,37 +128,42 @@ def _refuse_unknown(sweep: "Sweep", extra: "Extra") -> None:
             perturbations_of_task(task, sweep.perturbations, model, library)
 
 
-def _sweep(
-    source: Path | None,
-    task: list[str] | None,
-    model: list[str] | None,
-    output: Path | None,
-    chosen: dict[str, Any],
-) -> "tuple[Path, Sweep]":
-    """The sweep's folder and the sweep: one to be gone on with, or a new one. Raises UserError."""
+def _sweep(source: Path | None, output: Path | None, given: dict[str, Any]) -> "tuple[Path, Sweep]":
+    """The sweep's folder and the sweep: one to be gone on with, or a new one. Raises UserError.
+
+    given: what the options say of the sweep, by their names.
+    """
     from experiments.sweep.run import sweep_in
 
     if source is not None and source.is_dir():
-        if task or model or output:
-            raise UserError(f"{source} is a sweep already; leave --task, --model and --output away to go on with it.")
+        if output is not None or given:
+            surplus = _options((*given, *(("output",) if output is not None else ())))
+            raise UserError(f"{source} is a sweep already; leave {surplus} away to go on with it.")
         return source, sweep_in(source)
-    sweep = _new_sweep(source, task, model, chosen)
+    sweep = _new_sweep(source, given)
     if output is None:
         raise UserError("Where shall the sweep be written? Give a folder with --output.")
     return output, sweep
 
 
-def _new_sweep(source: Path | None, task: list[str] | None, model: list[str] | None, chosen: dict[str, Any]) -> "Sweep":
-    from experiments.sweep.definition import NOMINAL, load_sweep, parse_sweep
+def _new_sweep(source: Path | None, given: dict[str, Any]) -> "Sweep":
+    from experiments.sweep.definition import load_sweep, parse_sweep
 
     if source is not None:
-        if task or model:
-            raise UserError("Give either a sweep file or --task and --model, not both.")
+        if given:
+            raise UserError(f"{source} says all of the sweep; leave {_options(given)} away, or write it into the file.")
         return load_sweep(source)
-    if not task:
+    if "task" not in given:
         raise UserError("Nothing to sweep: give a sweep file, a sweep's folder, or --task.")
-    content = {"tasks": task, "models": model or [NOMINAL], **chosen}
+    named = {"task": "tasks", "model": "models"}
+    content = {named.get(name, name): value for name, value in given.items()}
     return parse_sweep(content, "the sweep").located(Path.cwd())
+
+
+def _options(names: Iterable[str]) -> str:
+    """'--seeds', '--seeds and --drive', '--task, --seeds and --drive'."""
+    *others, last = (f"--{name}" for name in names)
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def _run(folder: Path, sweep: "Sweep", extra: "Extra", place: "Place") -> bool:

@@ -89,10 +89,7 @@ def command(
     terminate_as_interrupt()
     whole_loops()
     start_jax(devices)
-    if distributed or any(one is not None for one in (coordinator, processes, process)):
-        from experiments.distributed import join
-
-        join(coordinator, processes, process)
+    _meet_others(distributed, coordinator, processes, process)
     from experiments.effects.library import load_effects
     from experiments.model import load_model
     from experiments.perturbations import perturbations_of_search, perturbations_of_task
@@ -113,8 +110,22 @@ def command(
         searched=generations != 0,
         search_law=perturbations_of_search(definition, perturbations, robot, library),
         refine=refine,
+        files=files_of(task, model, effects),
     )
     _search(options, output or Path("runs") / definition.task)
+
+
+def _meet_others(distributed: bool, coordinator: str | None, processes: int | None, process: int | None) -> None:
+    """Become one of several processes, if the options say so. Raises UserError."""
+    if distributed or any(one is not None for one in (coordinator, processes, process)):
+        from experiments.distributed import join
+
+        join(coordinator, processes, process)
+
+
+def files_of(task: str, model: Path | None = None, effects: list[Path] | None = None) -> dict[str, object]:
+    """The options by which a replay reads the files that the search has read."""
+    return {"--model": model, "--effects": effects, "--task": task if task.endswith(".json") else None}
 
 
 def _definition(
@@ -146,6 +157,7 @@ def _search(options: "TuneOptions", folder: Path) -> None:
     """Search in the folder, or go on with what it holds."""
     from experiments.cli.progress import SearchProgress
     from experiments.distributed import is_first, leaving_alone, open_run_together
+    from experiments.export import replay_line
     from experiments.smooth.rollout import smooth_rollout
     from experiments.tasks.registry import make_task
     from experiments.tune import tune
@@ -153,6 +165,7 @@ def _search(options: "TuneOptions", folder: Path) -> None:
     definition, refine = options.definition, options.refine
     # what does not fit together is refused before there is a folder
     make_task(definition, options.model)
+    replay_line(options, folder)
     if refine:
         smooth_rollout(options.model, definition, options.library)
     with leaving_alone(), open_run_together(folder, "tune", options.settings()) as run:

@@ -78,9 +78,10 @@ def beyond_log(
     standing = float(make_task(definition, nominal_model()).settings.landing_height)
     found: dict[str, Any] = {"hidden": name, "parameters": hidden.parameters, "verdict": answer["verdict"]}
     found["learned_effects"] = [f"{e.effect}@{e.where}" for e in learned.effects]
-    for which, where, model in (("nominal", folder, nominal_model()), ("learned", mine, learned)):
+    both = (("nominal", folder, nominal_model(), None), ("learned", mine, learned, mine / "model.json"))
+    for which, where, model, file in both:
         say(f"searching on from it on the {which} model")
-        values, promised = _tuned(where / which, definition, model, seed, devices)
+        values, promised = _tuned(where / which, definition, model, seed, devices, file)
         reached = jump(values, definition, model, (hidden,))
         found[which] = {"promised_apex": round(promised, 4)} | _told(reached, standing)
         if which == "nominal":
@@ -128,16 +129,18 @@ def _learned(folder: Path, path: Path, say: Callable[[str], None]) -> tuple[Mapp
     log, nominal = read_checked(path, None, nominal_model()), nominal_model()
     answer = diagnose([log], nominal, LIBRARY, say).answer
     wanted = [(entry["effect"], entry["where"]) for entry in answer["effects"]]
-    model = learn([log], nominal, LIBRARY, wanted)[0] if wanted else nominal
+    model = learn([log], nominal, LIBRARY, wanted) if wanted else nominal
     write_json(told, answer)
     save_model(learned, model)
     return answer, model
 
 
-def _tuned(folder: Path, definition: TaskDefinition, model: Model, seed: int, devices: int) -> tuple[np.ndarray, float]:
-    """Parameters of the best jump on a model, and the apex that it reaches there."""
+def _tuned(
+    folder: Path, definition: TaskDefinition, model: Model, seed: int, devices: int, file: Path | None = None
+) -> tuple[np.ndarray, float]:
+    """Parameters of the best jump on a model (kept in `file` unless it is the nominal one), and its apex there [m]."""
     perturbations = perturbations_of_task(definition, None, model, LIBRARY)
-    options = TuneOptions(definition, model, seed, perturbations, devices=devices)
+    options = TuneOptions(definition, model, seed, perturbations, devices=devices, files={"--model": file})
     with open_run(folder, "tune", options.settings()) as run:
         judged = tune(options, run, lambda progress, extra: None, lambda text: None)
     return judged.values, float(judged.nominal.metrics["apex_height"])

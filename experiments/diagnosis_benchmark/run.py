@@ -13,6 +13,7 @@ from experiments.errors import UserError
 from experiments.files import read_json, write_json
 from experiments.independent_plant.cases import benchmark
 from experiments.independent_plant.generate import generate
+from experiments.measurement.answer import DATA_FAULT, answer_of
 from experiments.measurement.evidence.gather import library_for, model_for
 from experiments.measurement.intake import LogFault, read_checked
 from experiments.model import nominal_model
@@ -79,7 +80,7 @@ def answer(path: Path, hidden: Sequence[str], methods: Sequence[str]) -> dict[st
     except LogFault as fault:
         return {"diagnosis": fault.answer()}
     except UserError as error:
-        return {"diagnosis": {"verdict": "data_fault", "text": str(error), "effects": []}}
+        return {"diagnosis": answer_of(DATA_FAULT, str(error), "record another log")}
 
 
 def _claim(folder: Path, settings: dict[str, Any]) -> None:

@@ -57,7 +57,7 @@ def table(truth: Mapping[str, Case], answers: Mapping[str, Mapping[str, Answer]]
         "right_effect_first": _rate(_first(t, a) for t, a in rich),
         "right_place": _rate(_place(t, a) for t, a in named),
         "false_alarms": _rate(bool(a["effects"]) for t, a in pairs if t["group"] == "none"),
-        "down_to_noise": _rate(a["held_out_rms"] <= AT_FLOOR for t, a in named if "held_out_rms" in a),
+        "down_to_noise": _rate(a["held_out_rms"] <= AT_FLOOR for t, a in named if a.get("held_out_rms") is not None),
         "both_of_two": _rate(_both(t, a) for t, a in pairs if t["group"] == "pair"),
         "outsiders_unknown": _rate(a["verdict"] == "unknown" for t, a in outside),
         "outsiders_confident": _rate(a["verdict"] == "explained" for t, a in outside),

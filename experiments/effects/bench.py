@@ -14,9 +14,10 @@ import jax.numpy as jnp
 
 from experiments.effects.effect import Effect, Parameter
 
-HOOKS = frozenset("drive_parameters command motor_torque friction joint_drag measured_motion".split())
+FELT_BY_RIGID_JOINT = frozenset("drive_parameters command motor_torque friction joint_drag measured_motion".split())
 # on a rigid joint these are the gear's friction by another name
 SAME_AS_GEAR = frozenset({"joint_coulomb_drag", "joint_viscous_drag"})
+OF_SPRING = frozenset({"spring_stiffness", "spring_damping"})  # numbers of the drive that a rigid one lacks
 START, MOST = 0.05, 2.0  # of the natural size: where a strength starts, and how far it may go
 SHAPE_START = 0.1
 UNBOUNDED = 1e9
@@ -97,9 +98,9 @@ def elastic_effects(library: Mapping[str, Effect]) -> dict[str, Effect]:
 
 def bench_effects(library: Mapping[str, Effect], prismatic: bool) -> dict[str, Effect]:
     """The effects that a rigid joint can show, with units but without sizes: bounds are wide open."""
-    able = {n: e for n, e in library.items() if e.axis == "joint" and HOOKS & set(e.equations)}
+    able = {n: e for n, e in library.items() if e.axis == "joint" and FELT_BY_RIGID_JOINT & set(e.equations)}
     able = {GRAVITY_LOAD.name: GRAVITY_LOAD} | able
-    hidden = SAME_AS_GEAR | ({GRAVITY_LOAD.name} if prismatic else set())
+    hidden = SAME_AS_GEAR | OF_SPRING | ({GRAVITY_LOAD.name} if prismatic else set())
     able = {name: effect for name, effect in able.items() if name not in hidden}
     return {name: _with(effect, partial(_open, prismatic)) for name, effect in able.items()}
 

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.effects.effect import ONE_PLACE, Effect
+from experiments.effects.effect import DRIVE_HOOKS, ONE_PLACE, Effect
 from experiments.effects.places import mask
 from mjx_starleth.names import JOINT_NAMES
 from sea_jax import DriveHooks
@@ -22,16 +22,6 @@ Array = jax.Array
 EffectNumbers = tuple[dict[str, Array], ...]
 
 NUMBERS = frozenset({"drive_parameters", "body_parameters"})
-DRIVE_HOOKS = (
-    "command",
-    "measurement",
-    "commanded_velocity",
-    "supply_voltage",
-    "motor_torque",
-    "friction",
-    "deflection",
-    "spring",
-)
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,17 @@ HOOKS: Mapping[str, str] = MappingProxyType(
         "torso_force": "force on the torso in the world frame [N], every control period",
     }
 )
+# the only ones that carry an equation's memory from one period to the next
+DRIVE_HOOKS = (
+    "command",
+    "measurement",
+    "commanded_velocity",
+    "supply_voltage",
+    "motor_torque",
+    "friction",
+    "deflection",
+    "spring",
+)
 
 
 @dataclass(frozen=True)
@@ -73,11 +84,13 @@ class Effect:
     """A physical effect that a model may have or lack.
 
     equations maps a hook (see HOOKS) to a function `(p, value, signals) -> value`, where `p.<name>` holds the
-    effect's parameters; with `memory` > 0 it is `(p, value, signals, memory) -> (value, memory)` and memory is
-    an array (places, memory) that starts at zero. `seeds` are further starts for the shape parameters, for
-    effects whose error has several valleys; some logs bring starts of their own. A `sharp` effect (an edge, a
-    strong bend) changes a replay in no way that is near proportional to its strength: it is tried at several of them.
-    A `fine` one repeats within the motion of a joint, so that only time tells whether it is steady.
+    effect's parameters. With `memory` > 0 it is `(p, value, signals, memory) -> (value, memory)` at DRIVE_HOOKS:
+    there its memory is an array (places, memory) of its own that starts at zero; it is as above at other hooks, which
+    keep none. `seeds` are further starts for the shape parameters, for effects whose error has several valleys; some
+    logs bring starts of their own. A `sharp` effect (an edge, a strong bend) changes a replay in no way that is near
+    proportional to its strength: it is tried at several of them. A `fine` one repeats within the motion of a joint, so
+    that only time tells whether it is steady. Raises ValueError for what cannot be: an unknown hook, no strength, a
+    memory that no hook keeps, and the like.
     """
 
     name: str
@@ -104,6 +117,11 @@ class Effect:
         unknown = set(self.equations) - set(HOOKS)
         if unknown:
             raise ValueError(f"effect {self.name}: no hook {sorted(unknown)}; the hooks are {', '.join(HOOKS)}")
+        if self.memory and not set(self.equations) & set(DRIVE_HOOKS):
+            raise ValueError(
+                f"effect {self.name}: none of its hooks keeps a memory; leave memory away, or give an equation at "
+                f"{', '.join(DRIVE_HOOKS)}"
+            )
         if not any(parameter.role == "strength" for parameter in self.parameters):
             raise ValueError(f"effect {self.name}: needs a parameter that is zero when the effect is off")
 

@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.effects.compose import DRIVE_HOOKS
-from experiments.effects.effect import ONE_PLACE, Effect
+from experiments.effects.effect import DRIVE_HOOKS, ONE_PLACE, Effect
 from mjx_starleth.body_types import nominal_params
 from mjx_starleth.names import JOINT_NAMES, LEGS
 from mjx_starleth.numbers import load_numbers

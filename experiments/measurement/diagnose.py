@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from experiments.effects.effect import Effect
+from experiments.measurement.answer import answer_of
 from experiments.measurement.evidence.gather import gather
 from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Placed
@@ -64,9 +65,8 @@ def diagnose_evidence(evidence: tuple[Evidence, ...], model: Model, say: Callabl
     rest = hints(evidence, selection.fit if effects else selection.ladder[0].fit)
     text = f"{in_words(verdict, effects, selection, evidence, rest)} {set_aside(whole, evidence)}".rstrip()
     further = next_experiment(evidence, selection, model)
-    answer = _answer(verdict, effects, selection, evidence, text) | {"next_experiment": further.text}
-    answer["rest_goes_with"] = [hint._asdict() for hint in rest]
-    return Diagnosis(verdict, effects, selection, evidence, before, after, text, further, tuple(rest), answer)
+    told = _answer(verdict, effects, selection, evidence, text, further.text, rest)
+    return Diagnosis(verdict, effects, selection, evidence, before, after, text, further, tuple(rest), told)
 
 
 def in_words(
@@ -82,7 +82,6 @@ def in_words(
         "partly_explained": f"The model lacks {named}; {left:.1%} of the misfit remains that no known effect explains.",
         "not_identifiable": f"The model lacks {named}, or {', or '.join(ties)}: this motion cannot tell them apart.",
         "unknown": "Something is missing that no effect of the library explains.",
-        "data_fault": "The log itself is faulty.",
     }[verdict]
     told = [verdict_text, *(log.not_judged for log in logs if log.not_judged)]
     for one in selection.refuted:
@@ -96,19 +95,20 @@ def in_words(
     return " ".join(told)
 
 
-def _answer(verdict, effects, selection: Selection, logs, text: str) -> dict[str, Any]:
+def _answer(verdict, effects, selection: Selection, logs, text: str, further: str, rest) -> dict[str, Any]:
     units = {(e.name, p.name): p.unit for e in logs[0].atoms.effects for p in e.parameters}
     fits = fit_percents(selection, logs)
-    return {
-        "verdict": verdict,
-        "text": text,
-        "effects": effect_entries(selection, logs, units) if effects else [],
-        "tied_with": [[name for name, _ in group] for group in selection.ties] if effects else [],
-        "next_experiment": "",
-        "held_out_rms": round(held_out_rms(selection, logs), 4),
-        "unexplained_fraction": round(unexplained(logs, selection), 4),
-        "ranking": ranking_entries(selection, logs),
-        "refuted": [one._asdict() for one in selection.refuted],
-        "unsteady": [one._asdict() for one in selection.unsteady],
-        **({"fit_percent": fits} if fits else {}),
-    }
+    told = answer_of(
+        verdict,
+        text,
+        further,
+        effects=effect_entries(selection, logs, units) if effects else [],
+        tied_with=[[name for name, _ in group] for group in selection.ties] if effects else [],
+        held_out_rms=held_out_rms(selection, logs),
+        unexplained_fraction=unexplained(logs, selection),
+        ranking=ranking_entries(selection, logs),
+        refuted=[one._asdict() for one in selection.refuted],
+        unsteady=[one._asdict() for one in selection.unsteady],
+        rest_goes_with=[hint._asdict() for hint in rest],
+    )
+    return told | ({"fit_percent": fits} if fits else {})

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.errors import UserError
+from experiments.measurement.answer import DATA_FAULT, answer_of
 from experiments.measurement.checks.check import check
 from experiments.measurement.checks.faults import Fault
 from experiments.measurement.evidence.gather import model_for
@@ -25,16 +26,8 @@ class LogFault(UserError):
 
     def answer(self) -> dict[str, Any]:
         """The answer file of a log that cannot be diagnosed."""
-        return {
-            "verdict": "data_fault",
-            "text": str(self),
-            "faults": [{"fault": f.fault, "where": f.where, "message": f.message} for f in self.faults],
-            "effects": [],
-            "tied_with": [],
-            "next_experiment": "record the log again without the fault",
-            "unexplained_fraction": 1.0,
-            "ranking": [],
-        }
+        faults = [{"fault": f.fault, "where": f.where, "message": f.message} for f in self.faults]
+        return answer_of(DATA_FAULT, str(self), "record the log again without the fault") | {"faults": faults}
 
 
 def read_checked(path: Path, columns: Path | None, model: Model) -> Log:

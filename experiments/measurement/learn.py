@@ -43,7 +43,7 @@ def learn(
     library: Mapping[str, Effect],
     wanted: Sequence[tuple[str, str]],
     nominal: bool = False,
-) -> tuple[Model, Refitted, list[Evidence]]:
+) -> Model:
     """The model with the wanted effects, fitted; effects that it has already stay, and add to what is learned where
     their places overlap, unless they are wanted again.
 
@@ -69,7 +69,7 @@ def learn(
     }
     # others are not learned: the clock is the log's, and the simulated drives have bearings of their own
     model = with_learned(model, evidence[0].atoms, fit, freedom)
-    return model.model_copy(update={"provenance": (*model.provenance, record)}), fit, evidence
+    return model.model_copy(update={"provenance": (*model.provenance, record)})
 
 
 def _refuse_untold(evidence: Sequence[Evidence], fit: Refitted) -> None:

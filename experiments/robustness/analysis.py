@@ -61,7 +61,9 @@ def plan(
     path = parameters_at(source)
     file = read_parameters(path, robot=ROBOT, allow_ungated=True)
     if model.numbers is None:
-        raise UserError("This model is a single joint on a bench: it has no legs to try a motion on.")
+        raise UserError(
+            "This model is a single joint on a bench: it has no legs to try a motion on; give a model of the robot."
+        )
     if required is not None and file.model_hash != model.hash():
         raise UserError(
             f"{shown(path)} was tuned on the model {file.model_hash}, not on {model.hash()}: a gate speaks for the "

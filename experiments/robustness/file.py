@@ -6,13 +6,13 @@
 
 import json
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, ValidationError
 
 from experiments.errors import UserError
 from experiments.files import first_complaint, read_json, shown
-from experiments.parameter_schema import Count, Line, Name, Record, RobustnessGate, Share, Word
+from experiments.parameter_schema import Count, Line, Name, Record, RobustnessGate, Share, Word, json_schema
 
 SCHEMA_VERSION: Final = 1
 SCHEMA_ID: Final = "starleth:robustness.schema.json"
@@ -109,11 +109,5 @@ def read_robustness(path: Path | str) -> RobustnessFile:
         ) from None
 
 
-def json_schema() -> dict[str, Any]:
-    """JSON Schema (2020-12) of the file, from the model."""
-    schema = RobustnessFile.model_json_schema()
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": SCHEMA_ID} | schema
-
-
 if __name__ == "__main__":
-    print(json.dumps(json_schema(), indent=1, ensure_ascii=False))
+    print(json.dumps(json_schema(RobustnessFile, SCHEMA_ID), indent=1, ensure_ascii=False))

@@ -17,7 +17,7 @@ MODULES: Mapping[str, ModuleType] = {"squat_jump": squat_jump} | dict.fromkeys(G
 def make_task(definition: TaskDefinition, model: Model) -> Task:
     """The task of a definition on a robot. Raises UserError."""
     if model.numbers is None:
-        raise UserError("This model is a single joint on a bench: it has no legs to move.")
+        raise UserError("This model is a single joint on a bench: it has no legs to move; give a model of the robot.")
     try:
         return module_of(definition.task).make_task(definition, model)
     except (TypeError, ValueError, AttributeError, OverflowError) as error:  # its settings are free in the schema

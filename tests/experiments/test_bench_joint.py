@@ -17,6 +17,7 @@ from rigid_bench import (
 )
 
 from experiments.cli.measuring_tables import fitted_lines, show_comparison
+from experiments.effects.bench import bench_effects, elastic_effects
 from experiments.effects.library import LIBRARY
 from experiments.measurement.checks.check import check
 from experiments.measurement.compare import compare
@@ -100,10 +101,17 @@ def test_what_nothing_explains_is_told_with_what_it_goes_with(hidden, told) -> N
     assert f"the {hint['input']}" in found.text
 
 
+def test_a_rigid_joint_shows_no_number_of_a_spring() -> None:
+    springs = {"spring_stiffness", "spring_damping"}
+    assert springs <= set(elastic_effects(LIBRARY))
+    rigid = bench_effects(LIBRARY, prismatic=False)
+    assert not springs & set(rigid) and {"motor_inertia", "coulomb_friction", "gravity_load"} <= set(rigid)
+
+
 def test_a_learned_model_makes_the_error_fall_and_says_so(faulty, tmp_path, capsys) -> None:
     nominal = model_for(faulty, nominal_model())
     wanted = [("coulomb_friction", "axis"), ("direction_dependent_viscous_friction", "axis")]
-    learned, _, _ = learn([faulty], nominal, GEARED, wanted)
+    learned = learn([faulty], nominal, GEARED, wanted)
     save_model(tmp_path / "model.json", learned)
     again = load_model(tmp_path / "model.json")
     assert json.loads((tmp_path / "model.json").read_text())["joint"]["name"] == "axis"

@@ -15,8 +15,11 @@ from experiments.independent_plant.library import FAMILIES, Effect
 from experiments.independent_plant.logs import columns, robot_info, write_log
 from experiments.independent_plant.runner import Case, record
 from experiments.independent_plant.strength import reachable
+from experiments.measurement.answer import answer_of
 from experiments.measurement.checks.check import check
 from experiments.measurement.checks.copied_columns import copied_columns
+from experiments.measurement.checks.faults import Fault, listed
+from experiments.measurement.intake import LogFault
 from experiments.measurement.logs.log import Log, SignalTable
 from experiments.measurement.logs.log_info import LogInfo
 from experiments.measurement.logs.log_reader import make_log, read_log
@@ -294,6 +297,26 @@ def test_no_effect_at_all_is_taken_for_a_fault(motion: str) -> None:
     if motion == "squat":
         effects.append(Effect("sensor_delay", "torso", {"delay": 4e-3}))
     assert_no_alarm(motion, effects, 2.0)
+
+
+def test_what_a_fault_is_in_is_called_what_it_is(air: Log) -> None:
+    legs, axes = ("LF", "RF", "LH", "RH"), ("x", "y", "z")
+    assert listed(legs, legs) == "all legs" and listed(axes, axes) == "all axes"
+    assert listed(tuple("wxyz"), tuple("wxyz")) == "all components"
+    assert listed(air.joint_names, air.joint_names) == "all joints"
+    # three joints that were logged and have holes are neither axes nor all of the robot's
+    leg = air.joint_names[:3]
+    values = np.where(np.arange(air.rows)[:, None] < 50, np.nan, air.joints("joint_torque")[:, :3])
+    (fault,) = check(replace(air, signals={**air.signals, "joint_torque": SignalTable(leg, values)}), NUMBERS)
+    assert (fault.fault, fault.where) == ("no_value", "LF_HAA, LF_HFE and LF_KFE")
+
+
+def test_the_answer_to_a_faulty_log_has_the_keys_of_every_answer() -> None:
+    answer = LogFault(Path("log.csv"), [Fault("sign", "LF_HAA", "turn it.")]).answer()
+    assert set(answer) == {"faults", *answer_of("explained", "text", "next")}
+    assert answer["held_out_rms"] is None and answer["unexplained_fraction"] == 1.0
+    for key in ("effects", "tied_with", "ranking", "refuted", "unsteady", "rest_goes_with"):
+        assert answer[key] == []
 
 
 # --- the commands ------------------------------------------------------------------------------------------------

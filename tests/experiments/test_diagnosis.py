@@ -15,6 +15,7 @@ from experiments.independent_plant.generate import write_batch
 from experiments.independent_plant.library import Effect
 from experiments.independent_plant.numbers import BodyNumbers
 from experiments.independent_plant.runner import Case
+from experiments.measurement.answer import answer_of
 from experiments.measurement.diagnose import Diagnosis, diagnose
 from experiments.measurement.evidence.gather import library_for, model_for
 from experiments.measurement.intake import read_checked
@@ -57,6 +58,7 @@ def test_hidden_friction_is_named_placed_and_measured(tmp_path) -> None:
     found = diagnosed(tmp_path, Case("air", effects=(hidden,), seed=4, duration=DURATION))
     (entry,) = found.answer["effects"]
     assert (found.verdict, entry["effect"], entry["where"]) == ("explained", "coulomb_friction", "HFE")
+    assert set(found.answer) == set(answer_of("explained", "", ""))
     low, high = entry["parameters"]["torque"]["ci95"]
     assert low - 1e-4 < 0.004 < high + 1e-4 and high - low < 4e-4
     assert found.answer["held_out_rms"] < 1.05

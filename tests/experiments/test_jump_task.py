@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from experiments.errors import UserError
 from experiments.imu_sensing import make_sensing
-from experiments.model import Model, nominal_model
+from experiments.model import JointNumbers, Model, nominal_model
 from experiments.plant import make_plant
 from experiments.tasks.definition import load_task
 from experiments.tasks.registry import make_task
@@ -44,6 +45,13 @@ def test_bodies_drives_and_controller_keep_the_control_period_of_the_robot() -> 
     plant, task = make_plant(model), make_task(SHIPPED, model)
     found = (plant.bodies.period, plant.periods.control, task.period, task.settings.control_period)
     np.testing.assert_allclose(found, 5e-3)
+
+
+def test_a_joint_on_a_bench_has_no_legs_and_the_sentence_says_what_to_do() -> None:
+    bench = Model(robot="joint", joint=JointNumbers(name="elbow", kind="revolute", inertia=0.1))
+    for make in (make_plant, lambda model: make_task(SHIPPED, model)):
+        with pytest.raises(UserError, match=r"has no legs to \w+; give a model of the robot\.$"):
+            make(bench)
 
 
 def test_a_foot_counts_as_on_the_ground_from_the_force_that_the_robot_file_names() -> None:

@@ -68,6 +68,19 @@ def test_other_names_and_units_come_in_by_a_column_map(log: Log, tmp_path: Path)
     assert_same(read_checked(tmp_path / "run.npz", tmp_path / "map.toml", nominal_model()), log)
 
 
+def test_a_column_that_is_not_there_is_told_with_some_that_are(log: Log, tmp_path: Path) -> None:
+    np.savez_compressed(beside(tmp_path / "run.npz"), **columns_of(log))
+    (tmp_path / "map.toml").write_text('[columns]\ntime = { from = "t_ms" }\n')
+    with pytest.raises(UserError, match=r"from 't_ms'.*take it from one of its columns: time, .* and \d+ more\.$"):
+        read_checked(tmp_path / "run.npz", tmp_path / "map.toml", nominal_model())
+
+
+def test_a_log_of_years_is_refused_with_its_name_and_what_to_do(log: Log) -> None:
+    years = log.on_time(1e7 * log.time, 1e7 * PERIOD, log.signals)
+    with pytest.raises(UserError, match=rf"^{log.name} spans .* correct the unit of its time with a column map"):
+        resample(years, PERIOD)
+
+
 @pytest.mark.parametrize(
     ("number", "unit", "si", "expected"),
     [

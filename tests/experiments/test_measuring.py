@@ -55,7 +55,7 @@ def test_the_right_model_explains_the_log_down_to_the_noise(log) -> None:
 def test_a_wrong_model_fails_where_it_is_wrong_and_learning_mends_it(log, tmp_path) -> None:
     library = {"coulomb_friction": LIBRARY["coulomb_friction"]}
     assert compare(log, wrong_model(), library).worst.over_noise > 2.0
-    learned, _, _ = learn([log], nominal_model(), library, [("coulomb_friction", "all")])
+    learned = learn([log], nominal_model(), library, [("coulomb_friction", "all")])
     fitted = learned.effects[0].parameters["torque"]
     low, high = fitted.ci95
     assert low < 0.0 < high or abs(fitted.value) < 1e-4, "the reference has no more friction than nominal"
@@ -124,7 +124,7 @@ def test_a_leg_at_an_end_of_its_joints_or_after_an_impact_tells_nothing() -> Non
 def test_a_number_that_is_never_accused_can_be_learned_all_the_same(log) -> None:
     library = {name: LIBRARY[name] for name in ("link_com", "bearing_friction")}
     wanted = [("link_com", "HAA"), ("bearing_friction", "all")]
-    learned, _, _ = learn([log], nominal_model(), library, wanted)
+    learned = learn([log], nominal_model(), library, wanted)
     assert [(e.effect, e.where) for e in learned.effects] == wanted
     low, high = learned.effects[1].parameters["coefficient"].ci95
     nominal = nominal_model().numbers.drive.bearing_friction_per_radial_load

@@ -14,9 +14,11 @@ from experiments.effects import LIBRARY
 from experiments.errors import UserError
 from experiments.model import nominal_model
 from experiments.parameter_file import now, parameter, read_parameters, write_parameters
+from experiments.parameter_schema import json_schema
 from experiments.perturbations import parse_perturbations
 from experiments.robustness import file as robustness_file
 from experiments.robustness.analysis import analyse, one_trial, plan
+from experiments.robustness.file import RobustnessFile
 from experiments.robustness.trials import PerturbedTrials, run_trials
 from experiments.run_folder import open_run
 from experiments.tasks.definition import load_task
@@ -110,7 +112,7 @@ def test_what_is_written_is_what_was_found(finished, run_folder) -> None:
 
 
 def test_the_published_schema_is_the_files() -> None:
-    assert json.loads(SCHEMA.read_text()) == robustness_file.json_schema()
+    assert json.loads(SCHEMA.read_text()) == json_schema(RobustnessFile, robustness_file.SCHEMA_ID)
 
 
 def test_finished_trials_are_kept_and_damaged_ones_run_again(finished, monkeypatch) -> None:

@@ -301,6 +301,11 @@ def test_a_member_called_like_a_script_is_only_text_in_the_report(tmp_path):
     [
         (["sweep"], "Nothing to sweep"),
         (["sweep", "--task", "x"], "--output"),
+        (["sweep", "s.json", "--seeds", "0-3", "--drive", "cheap", "-o", "o"], "leave --seeds and --drive away"),
+        (["sweep", "s.json", "--task", "squat_jump", "--alpha", "0.5", "-o", "o"], "leave --task and --alpha away"),
+        (["sweep", ".", "--generations", "9", "--trials", "2", "--risk", "cvar"], "--generations, --trials and --risk"),
+        (["sweep", ".", "--population", "9", "--perturbations", "rough"], "--population and --perturbations away"),
+        (["sweep", ".", "--output", "o"], "leave --output away"),
         (["sweep", "nowhere.json", "--output", "o"], "cannot read nowhere.json"),
         (["sweep", "--task", "x", "--output", "o", "--executor", "magic"], "No executor 'magic'"),
         (["sweep", "--task", "x", "--seeds", "a", "--output", "o"], "no number or range"),

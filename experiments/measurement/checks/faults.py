@@ -1,7 +1,10 @@
 """A data fault: what is wrong with a log itself, named before anybody takes it for physics."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
+
+from experiments.measurement.logs.log import SIGNALS, XYZ
+from mjx_starleth.names import LEGS
 
 FaultKind = Literal[
     "empty_log",
@@ -27,6 +30,8 @@ FaultKind = Literal[
     "unrelated",
 ]
 
+_KINDS: Final = {"legs": LEGS, "axes": XYZ, "components": SIGNALS["base_orientation"].names}
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -38,9 +43,9 @@ class Fault:
 
 
 def listed(names: tuple[str, ...], everything: tuple[str, ...] = ()) -> str:
-    """'LF_HAA', 'LF_HAA and RF_HAA', or 'all joints' (axes, legs) where these are all of `everything`."""
+    """'LF_HAA', 'LF_HAA and RF_HAA', or 'all joints' (legs, axes, components) where these are all of `everything`."""
     if set(names) == set(everything) and len(names) > 1:
-        return "all axes" if len(names) < 5 else "all joints"
+        return next((f"all {kind}" for kind, its in _KINDS.items() if set(its) == set(names)), "all joints")
     if len(names) > 6:
         return f"{len(names)} joints ({', '.join(names[:4])}, …)"
     return " and ".join(names) if len(names) < 3 else f"{', '.join(names[:-1])} and {names[-1]}"

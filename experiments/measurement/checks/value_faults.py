@@ -56,7 +56,7 @@ def _no_value(log: Log, signal: str) -> Iterator[Fault]:
     if holes.any():
         names = _chosen(table, holes)
         rows = missing[:, holes].any(1)
-        where = listed(names, table.names)
+        where = listed(names, signal_names(signal, log.joint))
         yield Fault(
             "no_value",
             where,

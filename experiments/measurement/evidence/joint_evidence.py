@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from experiments.effects.bench import HOOKS
+from experiments.effects.bench import FELT_BY_RIGID_JOINT
 from experiments.measurement.evidence.atoms import Atoms
 from experiments.measurement.evidence.blocks import BLOCK, add_products
 from experiments.measurement.evidence.effort_filter import Filter
@@ -51,7 +51,8 @@ class JointEvidence:
         """Its channel has the shape (1, 1): one signal of one joint."""
         time = np.arange(len(self.used)) * self.filter.stride * self.period
         block = np.minimum((time / BLOCK).astype(int), self.blocks - 1)
-        return Part("effort", np.array([["effort"]]), np.zeros((1, 1), int), self.used[:, None, None], block, HOOKS)
+        channels, joint, used = np.array([["effort"]]), np.zeros((1, 1), int), self.used[:, None, None]
+        return Part("effort", channels, joint, used, block, FELT_BY_RIGID_JOINT)
 
     @property
     def parts(self) -> tuple[Part, ...]:

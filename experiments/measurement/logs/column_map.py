@@ -13,7 +13,7 @@ does not name keeps its own name, so that a map may be as short as the one colum
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final
@@ -27,6 +27,7 @@ from experiments.measurement.logs.log_info import LogInfo
 from experiments.measurement.logs.units import to_si
 
 MAX_BYTES: Final = 1_000_000
+TOLD: Final = 6  # columns that a message names
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 
@@ -82,7 +83,7 @@ def conversions(columns: list[str], column_map: ColumnMap, info: LogInfo) -> dic
 
     Raises UserError where the map names a column that is not there, or that the format does not have.
     """
-    mapped = dict(_mapped(column_map, info, frozenset(columns)))
+    mapped = dict(_mapped(column_map, info, columns))
     taken = {conversion.source for conversion in mapped.values()}
     for column in columns:
         if column not in taken and column not in mapped:
@@ -96,14 +97,24 @@ def signal_of(column: str) -> str:
     return column.partition("/")[0]
 
 
-def _mapped(column_map: ColumnMap, info: LogInfo, there: frozenset[str]) -> Mapping[str, Conversion]:
+def _some(columns: Sequence[str]) -> str:
+    """The first few columns, and how many more there are."""
+    more = len(columns) - TOLD
+    return ", ".join(map(shown, columns[:TOLD])) + (f" and {more} more" if more > 0 else "")
+
+
+def _mapped(column_map: ColumnMap, info: LogInfo, columns: Sequence[str]) -> Mapping[str, Conversion]:
     result: dict[str, Conversion] = {}
+    there = frozenset(columns)
     for target, source in column_map.columns.items():
         expanded = _expanded(target, source.from_, column_map.names, info)
         present = [(column, origin) for column, origin in expanded if origin in there]
         if not present:  # some of the joints may lack, all may not
             origin = shown(source.from_)
-            raise UserError(f"the column map takes {shown(target)} from '{origin}', which the log does not have.")
+            raise UserError(
+                f"the column map takes {shown(target)} from '{origin}', which the log does not have; take it "
+                f"from one of its columns: {_some(columns)}."
+            )
         for column, origin in present:
             factor = _factor(column, source.unit, info) * source.scale
             result[column] = Conversion(origin, factor, source.offset)

@@ -35,7 +35,10 @@ def resample(log: Log, period: float | None = None) -> Log:
         return log
     rows = (log.time[-1] - log.time[0]) / period + 1.0
     if not rows < _MOST_ROWS:
-        raise UserError(f"the log spans {log.time[-1] - log.time[0]:.3g} s, too long for samples every {period:g} s.")
+        raise UserError(
+            f"{log.name} spans {log.time[-1] - log.time[0]:.3g} s, too long for samples every {period:g} s; correct "
+            "the unit of its time with a column map, or cut it into several logs."
+        )
     time = log.time[0] + period * np.arange(int(rows + 1e-6))
     tables = {signal: SignalTable(table.names, _resampled(log, signal, time)) for signal, table in log.signals.items()}
     return log.on_time(time, period, tables)

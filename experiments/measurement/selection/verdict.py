@@ -13,7 +13,7 @@ from experiments.measurement.selection.joint_form import imitated
 from experiments.measurement.selection.ladder import Selection
 from experiments.measurement.selection.linear_score import best_of_each
 
-Verdict = Literal["explained", "partly_explained", "none", "unknown", "not_identifiable", "data_fault"]
+Verdict = Literal["explained", "partly_explained", "none", "unknown", "not_identifiable"]
 
 QUIET = 1.3 * FLOOR  # residual over noise of the worst channel where nothing is missing
 WHOLE = 1.5 * FLOOR  # residual over noise of the worst channel where effects explain a log: they have errors, too
