@@ -46,6 +46,29 @@ def test_speed_beyond_the_commanded_asks_for_care_and_a_hop_does_not(standing, v
     assert float(asked) == pytest.approx(np.interp(excess, EXCESS, (0.0, 1.0)), abs=1e-4)
 
 
+def test_a_walk_sideways_that_was_commanded_asks_for_no_care(standing):
+    state, robot = standing
+    state = state._replace(command=STILL._replace(lateral=jnp.float32(0.8)))
+    assert float(careful_gait.asked_caution(CAUTION, state, robot._replace(v_WB=jnp.float32([0.3, 0.8, 0.0])))) == 0.0
+
+
+def test_a_hop_off_a_slope_is_no_speed_along_it(standing):
+    state, robot = standing
+    state = on_slope(state, 0.4, 1.0)
+    params = CAUTION._replace(slope=jnp.float32([1.0, 1.2]))
+    assert float(careful_gait.asked_caution(params, state, robot._replace(v_WB=3.0 * state.plane.normal_W))) == 0.0
+
+
+def test_a_robot_that_is_put_on_a_slope_takes_care_at_once(standing):
+    _, robot = standing
+    gait = CarefulGait(params("running_trot"), params("walking_trot"), CAUTION)
+    sine, cosine = np.sin(0.15), np.cos(0.15)
+    pitched = robot._replace(R_WB=jnp.float32([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]]))
+    with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+        first = careful_gait.init(gait, GEOMETRY, pitched)
+    assert float(first.caution) == pytest.approx(np.interp(sine, SLOPE, (0.0, 1.0)), abs=1e-3)
+
+
 def test_care_comes_fast_goes_slowly_and_blends_every_number(standing):
     state, robot = standing
     usual, careful = params("running_trot"), params("walking_trot")

@@ -1,5 +1,6 @@
 """Rows that only noise decides: which they are, when they are left out, and what is found without them."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,9 +10,10 @@ from experiments.effects import LIBRARY
 from experiments.independent_plant.library import Effect
 from experiments.independent_plant.practice import practise
 from experiments.measurement.diagnose import diagnose
+from experiments.measurement.evidence import untold as untold_module
 from experiments.measurement.evidence.atoms import Atoms
 from experiments.measurement.evidence.log_evidence import Point
-from experiments.measurement.evidence.untold import untold
+from experiments.measurement.evidence.untold import untold, without_untold
 from experiments.measurement.fits.fit_types import Refitted
 from experiments.measurement.intake import read_checked
 from experiments.measurement.selection import judged_rows as module
@@ -28,7 +30,7 @@ FITS = ["chosen", "tried"]
 def test_a_row_is_untold_where_noise_moves_its_prediction_far_and_so_are_its_neighbours() -> None:
     clean, floor = np.zeros((ROWS, JOINTS, 3)), np.full((JOINTS, 3), 0.05)
     moved = clean.copy()
-    moved[40, 1, 2], moved[70, 0, 2] = 20.0, 0.3  # 400 floors, and 6
+    moved[40, 1, 2], moved[60, 1, 2], moved[80, 0, 2] = 20.0, -0.75, 0.3  # 400 floors, 15, and 6
     drive = SimpleNamespace(
         predict=lambda xs, shifts: clean[None],
         play=lambda log, motion, xs, shifts: (moved if motion == "noisier" else clean)[None],
@@ -38,8 +40,29 @@ def test_a_row_is_untold_where_noise_moves_its_prediction_far_and_so_are_its_nei
         floor=floor,
     )
     rows, joints, channels = np.nonzero(untold(drive, POINT.x, POINT.shift))
-    assert rows.tolist() == [38, 39, 40, 41, 42]
+    assert rows.tolist() == [38, 39, 40, 41, 42, 58, 59, 60, 61, 62]
     assert set(joints) == {1} and set(channels) == {2}
+
+
+@dataclass(frozen=True)
+class Told:
+    used: np.ndarray
+
+
+@dataclass(frozen=True)
+class Robot:
+    drive: Told
+
+
+def test_what_is_told_stays_and_what_was_never_logged_stays_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    thrown, used = np.zeros((ROWS, JOINTS, 3), bool), np.ones((ROWS, JOINTS, 3))
+    used[:, 0, 2] = 0.0
+    log = Robot(Told(used))
+    monkeypatch.setattr(untold_module, "untold", lambda *_: thrown)
+    assert without_untold(log, POINT) is log
+    thrown[40:43] = True
+    left = without_untold(log, POINT).drive.used
+    assert not left[40:43].any() and (np.delete(left, slice(40, 43), 0) == np.delete(used, slice(40, 43), 0)).all()
 
 
 def fit(name: str) -> Refitted:

@@ -39,11 +39,18 @@ class OneSpring:
         return Products((columns @ columns.T)[None], (0,), (), np.zeros(2))
 
 
-@pytest.mark.parametrize("missing", [0.0, 0.4])
-def test_the_links_own_noise_is_taken_out_of_what_a_feature_and_the_residual_have_in_common(
-    monkeypatch: pytest.MonkeyPatch, missing: float
-) -> None:
+def noise_alone(rows: int) -> OneSpring:
+    first, again = np.random.default_rng(2).standard_normal((2, rows))
+    return OneSpring(Spring(first, (first + again,), np.zeros(rows)))
+
+
+@pytest.fixture(autouse=True)
+def every_row_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(unbiased, "without_untold", lambda log, at: log)
+
+
+@pytest.mark.parametrize("missing", [0.0, 0.4])
+def test_the_links_own_noise_is_taken_out_of_what_a_feature_and_the_residual_have_in_common(missing: float) -> None:
     rng = np.random.default_rng(1)
     true, first, again = np.sin(np.arange(ROWS) / 50.0), *(NOISE * rng.standard_normal((2, ROWS)))
     log = OneSpring(Spring(true + first, (true + first + again,), (GAIN + missing) * true))
@@ -51,6 +58,20 @@ def test_the_links_own_noise_is_taken_out_of_what_a_feature_and_the_residual_hav
     assert common == pytest.approx(GAIN * NOISE**2 - missing / 2.0, abs=0.03)  # E[(m + e)(G (m + e) - (G + d) m)]
     without = unbiased_products(log, POINT, [], log.products(POINT, [])).gram[0]
     assert without[-1, 0] / ROWS == without[0, -1] / ROWS == pytest.approx(-missing / 2.0, abs=0.05)
+
+
+def test_a_feature_of_noise_alone_keeps_its_size() -> None:
+    """What divides by next to nothing finds large effects."""
+    log = noise_alone(ROWS)
+    own, found = log.products(POINT, []), unbiased_products(log, POINT, [], log.products(POINT, []))
+    assert (found.gram.diagonal(0, 1, 2) == own.gram.diagonal(0, 1, 2)).all()
+
+
+def test_rows_that_noise_decides_are_in_none_of_the_products(monkeypatch: pytest.MonkeyPatch) -> None:
+    log, told = noise_alone(ROWS), noise_alone(ROWS // 2)
+    expected = unbiased_products(told, POINT, [], told.products(POINT, []))
+    monkeypatch.setattr(unbiased, "without_untold", lambda log, at: told)
+    np.testing.assert_array_equal(unbiased_products(log, POINT, [], log.products(POINT, [])).gram, expected.gram)
 
 
 def test_bodies_alone_have_their_own_calm_log() -> None:
@@ -80,13 +101,23 @@ def test_noise_that_looks_like_play_in_the_knees_hides_no_drag(monkeypatch) -> N
 
 def test_what_less_noise_would_make_larger_is_no_effect(monkeypatch) -> None:
     assert found(monkeypatch, ("load_friction", "LF_KFE", 143.0, 505.0), ("torque_ripple", "RH_HFE", 90.0, 90.0)) == []
+    assert found(monkeypatch, ("load_friction", "LF_KFE", 143.0, 505.0), ("payload", "torso", 160.0, 160.0)) == []
+
+
+def test_a_score_that_noise_alone_reaches_is_no_effect_however_quiet_the_place(monkeypatch) -> None:
+    assert found(monkeypatch, ("spring_stiffness", "RH_KFE", 120.0, 120.0), noise=100.0) == []
+    assert found(monkeypatch, ("spring_stiffness", "RH_KFE", 200.0, 120.0), noise=100.0) == []
 
 
 def test_an_effect_is_alone_though_another_at_its_place_explains_as_much_and_both_are_refitted(monkeypatch) -> None:
     offset = ("torque_sensor_offset", "RH_HAA", 556.0, 556.0)
     alike, less = ("direction_dependent_friction", "RH_HAA", 544.0, 544.0), ("backlash", "RH_HAA", 100.0, 100.0)
     assert found(monkeypatch, offset, alike, less) == ["torque_sensor_offset", "direction_dependent_friction"]
+    half = ("backlash", "RH_HAA", 278.0, 278.0)
+    assert found(monkeypatch, offset, half) == ["torque_sensor_offset", "backlash"]
     assert found(monkeypatch, offset, ("direction_dependent_friction", "LF_HAA", 300.0, 300.0)) == []
+    far_less = ("direction_dependent_friction", "LF_HAA", 130.0, 130.0)
+    assert found(monkeypatch, offset, far_less) == ["torque_sensor_offset"]
     assert found(monkeypatch, offset, ("ground_friction", "feet", 300.0, 300.0)) == []
 
 
@@ -95,3 +126,4 @@ def test_a_score_has_to_be_something_beside_the_noise_where_it_acts_unless_it_is
     assert found(monkeypatch, spring, noise=8700.0) == []
     assert found(monkeypatch, spring, noise=5000.0) == ["spring_stiffness"]
     assert found(monkeypatch, ripple, noise=38000.0) == ["torque_ripple"]
+    assert found(monkeypatch, ("torque_ripple", "HAA", 600.0, 600.0), noise=38000.0) == []

@@ -13,7 +13,7 @@ from experiments.model import nominal_model
 NUMBERS = nominal_freedom(nominal_model(), tuple(LIBRARY.values()), standing=False)
 
 
-def fit(off: np.ndarray, known: float = 0.05) -> Refitted:
+def fit(off: np.ndarray, known: float | np.ndarray = 0.05) -> Refitted:
     """A fit with numbers off by these deviations and each known to a share of its own."""
     deviation = np.array([n.deviation for n in NUMBERS])
     return Refitted((), off * deviation, known * deviation, (), (), np.zeros((0, 0)))
@@ -42,7 +42,15 @@ def test_a_robot_that_is_off_everywhere_keeps_its_freedom() -> None:
 
 
 def test_numbers_that_the_log_cannot_tell_tell_nothing_of_the_others() -> None:
-    assert as_far_as_others(NUMBERS, fit(np.zeros(len(NUMBERS)), known=0.9)) == NUMBERS
+    off = np.full(len(NUMBERS), 0.1)
+    assert as_far_as_others(NUMBERS, fit(off, known=0.5)) == NUMBERS
+    assert farthest(as_far_as_others(NUMBERS, fit(off, known=0.2))) < 0.5
+
+
+def test_few_numbers_that_the_log_can_tell_tell_nothing_of_the_others() -> None:
+    told = {"torque_constant", "motor_inertia"}  # one of them may be the effect
+    known = np.array([0.05 if n.effect in told else 0.9 for n in NUMBERS])
+    assert as_far_as_others(NUMBERS, fit(np.full(len(NUMBERS), 0.1), known)) == NUMBERS
 
 
 def test_the_friction_of_loaded_bearings_is_no_models_and_every_robots() -> None:
@@ -58,6 +66,8 @@ def test_a_bearing_may_rub_as_much_as_it_does_however_near_the_other_numbers_are
         n for n in NUMBERS if n.effect == "bearing_friction"
     ]
     assert farthest(narrowed) < 0.5
+    wider = np.where([n.effect == "torque_constant" for n in NUMBERS], 1.0, off)  # an effect, taken in
+    assert as_far_as_others(NUMBERS, fit(wider)) == narrowed
 
 
 def test_a_nominal_number_is_what_the_first_change_of_its_effect_changes() -> None:

@@ -152,6 +152,8 @@ def test_a_law_is_another_one_where_the_shape_that_makes_it_stands_at_its_end(ve
     placed = Placed("stribeck_friction", "KFE", {"torque": -0.003, "velocity": velocity})
     fit = Refitted((placed,), np.zeros(0), np.zeros(0), (), (), np.zeros((2, 2)))
     assert at_end_of_shape(LIBRARY["stribeck_friction"], fit) == ended
+    earlier = placed._replace(parameters={"torque": -0.003, "velocity": 3.0 if not ended else 0.1})
+    assert at_end_of_shape(LIBRARY["stribeck_friction"], replace(fit, effects=(earlier, placed))) == ended
     load = Placed("payload", "torso", {"mass": 2.0, "x": 0.4, "y": 0.0, "z": 0.0})  # on the torso's edge it is a load
     assert not at_end_of_shape(LIBRARY["payload"], replace(fit, effects=(load,)))
 
@@ -208,6 +210,16 @@ def test_an_effect_may_wait_to_be_told_from_none_where_much_is_left(where, sprea
     judge = Judge([log], before, [np.ones(1, bool)], SimpleNamespace(refutes=lambda effects, fit: None), [])
     choice = judge.choice([one])
     assert (() if choice is None else (choice.sure,)) == chosen
+
+
+@pytest.mark.parametrize(("velocity", "chosen"), [(0.1, True), (3.0, False)])
+def test_a_law_whose_shape_stands_at_its_end_is_not_chosen_however_much_it_explains(velocity, chosen) -> None:
+    log, before = one_loud_joint()
+    effects = (Placed("stribeck_friction", "LF_HFE", {"torque": -0.004, "velocity": velocity}),)
+    fit = Refitted(effects, np.zeros(0), np.zeros(0), (None,), (np.array([5000.0]),), 1e-8 * np.eye(2))
+    one = Finalist(Scored(LIBRARY["stribeck_friction"], "LF_HFE", 0.0, {}, None), fit, 5000.0)
+    judge = Judge([log], before, [np.ones(1, bool)], SimpleNamespace(refutes=lambda effects, fit: None), [])
+    assert (judge.choice([one]) is not None) == chosen
 
 
 @pytest.mark.parametrize(("rival", "sure"), [(100.0, True), (1000.0, False)])

@@ -31,6 +31,8 @@ USUAL = {
     "hook": "motor_torque",
     "memory": 0,
 }
+BODIES = {"hook": "body_parameters", "axis": "torso", "part": "bodies"}
+REMEMBERS = {"arguments": "p, value, signals, memory", "memory": 1}
 
 
 def load(folder: Path, result: str, **changes) -> dict:
@@ -47,10 +49,8 @@ def load(folder: Path, result: str, **changes) -> dict:
         ("value._replace(friction=value.friction * (1.0 - p.a))", {"hook": "body_parameters", "axis": "foot"}),
         ("value._replace(torque=value.torque + p.a * signals.joint_position)", {"hook": "measurement"}),
         ("value + p.a", {"hook": "torso_force", "axis": "torso", "part": "bodies"}),
-        (
-            "(value + p.a * memory[:, 0], memory.at[:, 0].set(value))",
-            {"arguments": "p, value, signals, memory", "memory": 1},
-        ),
+        ("(value + p.a * memory[:, 0], memory.at[:, 0].set(value))", REMEMBERS),
+        ("(value._replace(torque=value.torque + p.a * value.torque**2), memory)", REMEMBERS | {"hook": "measurement"}),
     ],
 )
 def test_what_readers_of_the_readme_write_is_taken(tmp_path: Path, result: str, changes: dict) -> None:
@@ -67,8 +67,18 @@ def test_what_readers_of_the_readme_write_is_taken(tmp_path: Path, result: str, 
         ("value + p.b", {}, "fails with AttributeError.*no attribute 'b'"),
         ("value + p.a * signals.motor_pos", {}, "fails with AttributeError"),
         ("value + 0.0 * jnp.sqrt(p.a - 0.5)", {}, "returns NaN"),
+        ("value + 0.0 * jnp.sqrt(0.05 - p.a)", {}, "returns NaN"),
+        ("value[:4] + p.a[:4]", {}, r"must return what it got, a \(12,\), not \(4,\)"),
+        (
+            "value._replace(position=value.position + p.a + 1e-3)",
+            {"hook": "measurement"},
+            "must return what it got, to",
+        ),
+        ("value._replace(mass=value.mass + p.a * signals.joint_position[0])", BODIES, "fails with AttributeError"),
         ("value", {"memory": 2}, "fails with TypeError"),
-        ("value", {"memory": 2, "arguments": "p, value, signals, memory"}, "must return .value, memory"),
+        ("value", REMEMBERS, "must return .value, memory"),
+        ("(value, memory, p.a)", REMEMBERS, "must return .value, memory"),
+        ("(value, memory[0])", REMEMBERS, r"must return .value, memory \(12, 1\)"),
         ("value._replace(torque=value.torque * (1 + p.a * value.torque))", {"hook": "measurement"}, "straight line"),
         ("value + p.a", {"hook": "nowhere"}, "no hook"),
         ("value + p.a", {"hook": "joint_drag", "memory": 1}, "none of its hooks keeps a memory; leave memory away"),
