@@ -29,8 +29,8 @@ BLIND = frozenset("drive_parameters body_parameters measured_motion replay_timin
 
 
 def refuse_faulty(effect: Effect) -> None:
-    """Raise ValueError, in words, if an equation fails, returns another form or NaN, or acts at zero strength; and if a
-    strength has no size to start from."""
+    """Raise ValueError, in words, if an equation fails, returns another form, NaN or infinity, or acts at zero
+    strength; and if a strength has no size to start from."""
     for parameter in effect.strengths:
         if parameter.start == 0.0:
             raise ValueError(f"effect {effect.name}: {parameter.name} starts at 0; give the size that is plausible")
@@ -41,8 +41,8 @@ def refuse_faulty(effect: Effect) -> None:
         for found in (off, on):
             if not _alike(found, value):
                 raise ValueError(f"{where}: it must return what it got, a {_shape(value)}, not {_shape(found)}")
-            if any(np.isnan(leaf).any() for leaf in jax.tree.leaves(found)):
-                raise ValueError(f"{where}: with its parameters at their start or at zero it returns NaN")
+            if not _as_finite(found, value):
+                raise ValueError(f"{where}: with its parameters at their start or at zero it returns NaN or infinity")
         if not _equal(off, value):
             raise ValueError(f"{where}: with its strengths at zero it must return what it got, to the bit")
         if hook == "measurement" and not effect.memory:
@@ -78,6 +78,12 @@ def _alike(found: Any, value: Any) -> bool:
         return False
     pairs = zip(map(np.shape, jax.tree.leaves(found)), map(np.shape, jax.tree.leaves(value)), strict=True)
     return all(new == old or (old == () and new == (len(LEGS),)) for new, old in pairs)
+
+
+def _as_finite(found: Any, value: Any) -> bool:
+    """Whether of two trees that are alike one is finite wherever the other is, and nowhere NaN."""
+    pairs = zip(jax.tree.leaves(found), jax.tree.leaves(value), strict=True)
+    return not any((np.isnan(new) | np.isfinite(old) & ~np.isfinite(new)).any() for new, old in pairs)
 
 
 def _equal(found: Any, value: Any) -> bool:

@@ -79,14 +79,16 @@ def test_bodies_alone_have_their_own_calm_log() -> None:
     assert unbiased_products(SimpleNamespace(drive=None), POINT, [], own) is own
 
 
-def found(monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, str, float, float], noise: float = 3000.0) -> list[str]:
+def found(
+    monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, str, float, float], noise: float = 3000.0, **at: float
+) -> list[str]:
     """Of effects at places, with their scores as they are and without noise's share: those that are sought."""
     variants = [SimpleNamespace(effect=LIBRARY[name]) for name, *_ in scores]
     as_is = [Scored(LIBRARY[n], where, gain, {}, v) for (n, where, gain, _), v in zip(scores, variants, strict=True)]
     less = [one._replace(gain=s[3]) for one, s in zip(as_is, scores, strict=True)]
     monkeypatch.setattr(module, "unbiased_products", lambda log, at, changes, own: own)
     monkeypatch.setattr(module, "scored_at", lambda *_: less)
-    monkeypatch.setattr(module, "noise_at", lambda effect, where, *_: noise)
+    monkeypatch.setattr(module, "noise_at", lambda effect, where, *_: at.get(where, noise))
     log = SimpleNamespace(atoms=SimpleNamespace(joint_names=JOINT_NAMES), blocks=1)
     round_ = Round([log], (), [], [None], [], [], lambda text: None)
     ranking = sorted(as_is, key=lambda s: -s.gain)
@@ -96,6 +98,8 @@ def found(monkeypatch: pytest.MonkeyPatch, *scores: tuple[str, str, float, float
 def test_noise_that_looks_like_play_in_the_knees_hides_no_drag(monkeypatch) -> None:
     play, drag = ("backlash", "KFE", 208.0, 20.0), ("joint_coulomb_drag", "RF_HAA", 181.0, 181.0)
     assert found(monkeypatch, play, drag) == ["joint_coulomb_drag"]
+    assert found(monkeypatch, play, drag, KFE=12000.0) == ["joint_coulomb_drag"]
+    assert found(monkeypatch, play, drag, RF_HAA=12000.0) == []
     assert found(monkeypatch, play) == []
 
 

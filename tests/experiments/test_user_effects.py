@@ -68,6 +68,7 @@ def test_what_readers_of_the_readme_write_is_taken(tmp_path: Path, result: str, 
         ("value + p.a * signals.motor_pos", {}, "fails with AttributeError"),
         ("value + 0.0 * jnp.sqrt(p.a - 0.5)", {}, "returns NaN"),
         ("value + 0.0 * jnp.sqrt(0.05 - p.a)", {}, "returns NaN"),
+        ("value + p.a / (jnp.float32(0.1) - p.a)", {}, "returns NaN or infinity"),
         ("value[:4] + p.a[:4]", {}, r"must return what it got, a \(12,\), not \(4,\)"),
         (
             "value._replace(position=value.position + p.a + 1e-3)",
