@@ -26,7 +26,7 @@ CLEARLY_LESS = 0.8  # of the excess, that free numbers have to leave at most whe
 SEVERAL = 2  # effects that may be nominal numbers, from which a robot's numbers are off rather than all these missing
 LITTLE = 0.005  # of what the nominal model leaves: effects that leave no more beside free numbers are what is missing
 ROUGH = 0.1  # of the misfit: by how much replays may be off that noise decides in places
-PROMISING = 0.5  # of that excess: with the nominal numbers as they stand, each effect has to explain most of the rest
+PROMISING = 0.5  # of the excess: with the nominal numbers as they stand, each effect has to explain most of the rest
 
 
 def selected(
