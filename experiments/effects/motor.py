@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 
 from experiments.effects.effect import Effect, Parameter
+from sea_jax.trigonometry import sine_cosine
 
 
 def _inertia(p, params, _):
@@ -20,9 +21,8 @@ def _saturation(p, torque, s):
 
 def _ripple(p, torque, s):
     # of the poles, in proportion to the current, and of the magnets (cogging), without one
-    angle = p.harmonic * s.motor_position
-    sine, cosine = p.sine * torque + p.constant_sine, p.cosine * torque + p.constant_cosine
-    return torque + sine * jnp.sin(angle) + cosine * jnp.cos(angle)
+    sine, cosine = sine_cosine(p.harmonic * s.motor_position)
+    return torque + (p.sine * torque + p.constant_sine) * sine + (p.cosine * torque + p.constant_cosine) * cosine
 
 
 def _sag(p, voltage, s):

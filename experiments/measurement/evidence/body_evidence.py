@@ -20,8 +20,8 @@ from experiments.measurement.evidence.body_replay import (
 )
 from experiments.measurement.evidence.body_rows import around, hits, rows_sliding, rows_used
 from experiments.measurement.evidence.calm_log import calm_log
-from experiments.measurement.evidence.drive_evidence import replay_devices
 from experiments.measurement.evidence.row_motion import RowMotion, row_motion
+from experiments.measurement.evidence.turns import next_devices
 from experiments.measurement.logs.log import Log
 from mjx_starleth.names import JOINT_NAMES, LEGS
 from mjx_starleth.numbers import RobotNumbers
@@ -155,7 +155,7 @@ def residual_rows(replay: BodyReplay, atoms: Atoms, log: BodyLog, xs: np.ndarray
     """Residuals on raw rows, and the feet's normal force and sliding speed: (H, T, 26 + 4 + 4)."""
     rows, missing = len(log.q), -len(log.q) % PAD
     padded = BodyLog(*(np.concatenate([table, np.repeat(table[-1:], missing, 0)]) for table in log))
-    places = [(device, jax.device_put(padded, device)) for device in replay_devices()]
+    places = [(device, jax.device_put(padded, device)) for device in next_devices(len(xs))]
     turns = zip(xs.astype(np.float32), itertools.cycle(places))
     found = [_one(replay, atoms, its_log, jax.device_put(x, device)) for x, (device, its_log) in turns]
     return np.stack([np.asarray(one)[:rows] for one in found])

@@ -1,6 +1,5 @@
 """What a log says about the drives: replays with many sets of numbers at once, and the noise that replays leave."""
 
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -9,12 +8,14 @@ import jax
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 
+from experiments.lanes import lanes
 from experiments.measurement.evidence.atoms import Atoms
 from experiments.measurement.evidence.drive_log import DriveLog
 from experiments.measurement.evidence.drive_replay import CHANNELS, DriveReplay, measured, true_motion
+from experiments.measurement.evidence.turns import next_devices
 from sea_jax import DriveParams, JointMotion, LoopPeriods
 
-LANES = (8, 2)  # sets of numbers per call: one compiled replay for each, so that few sets do not cost as many
+LANES = (8, 1)  # sets of numbers per call, one compiled replay for each; eight cost as much as five alone
 PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
 SETTLE = 0.05  # s at the start of a log, in which the loops forget what was before it
 FLOOR_DRAWS = 3  # re-noised link motions from which the replay's own noise is estimated
@@ -73,14 +74,6 @@ class DriveEvidence:
         count = uniform_filter1d(by_torque, size, axis=0, mode="constant")
         mean = uniform_filter1d(error * by_torque, size, axis=1, mode="constant") / np.maximum(count, 1e-6)
         return mean * by_torque
-
-
-def replay_devices() -> list[jax.Device]:
-    """Devices that replays take turns on: virtual ones beyond the cores would only be compiled for."""
-    found = jax.local_devices()
-    if found[0].platform != "cpu" or not hasattr(os, "sched_getaffinity"):
-        return found
-    return found[: len(os.sched_getaffinity(0))]
 
 
 def drive_evidence(
@@ -147,22 +140,27 @@ def predict(
     shifts: np.ndarray,
 ) -> np.ndarray:
     """Predictions (H, T, J, 3) through the compiled programs, on all devices in turn."""
-    places = [(device, *jax.device_put((params, log, motion), device)) for device in replay_devices()]
+    devices = next_devices(most=-(-len(xs) // LANES[1]))
+    places = [(device, *jax.device_put((params, log, motion), device)) for device in devices]
     parts, done = [], 0
     while done < len(xs):
         left = len(xs) - done
-        lanes = LANES[0] if left > LANES[0] // 2 else LANES[1]
-        here = np.minimum(np.arange(done, done + lanes), len(xs) - 1)
+        size = LANES[0] if left > LANES[0] // 2 else LANES[1]
+        here = np.minimum(np.arange(done, done + size), len(xs) - 1)
         device, its_params, its_log, its_motion = places[len(parts) % len(places)]
         numbers = jax.device_put((xs[here].astype(np.float32), shifts[here].astype(np.float32)), device)
-        parts.append(_lanes(replay, atoms, its_params, its_log, its_motion, *numbers)[: min(lanes, left)])
-        done += lanes
+        parts.append(_lanes(replay, atoms, its_params, its_log, its_motion, *numbers)[: min(size, left)])
+        done += size
     return np.concatenate([np.asarray(part) for part in parts])
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _lanes(replay, atoms, params, log, motion, xs, shifts):
-    return jax.vmap(lambda x, shift: replay.predict(params, log, motion, atoms.numbers(x), shift))(xs, shifts)
+    def one(shared, numbers):
+        x, shift = numbers
+        return replay.predict(*shared, atoms.numbers(x), shift)
+
+    return lanes(one)((params, log, motion), (xs, shifts))
 
 
 def _nominal(replay: DriveReplay, params: DriveParams, atoms: Atoms, log: DriveLog, motion: JointMotion) -> np.ndarray:

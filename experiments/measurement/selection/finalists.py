@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,7 @@ from experiments.measurement.evidence.features import Change, Products
 from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fits.refit import SHORT_FIT, refit, refit_effects
+from experiments.measurement.fits.side_by_side import side_by_side
 from experiments.measurement.selection.belief import LEAST_GAIN, Finalist, chi2_on
 from experiments.measurement.selection.linear_score import Scored, best_of_each, following
 
@@ -37,7 +39,7 @@ class Round(NamedTuple):
 
     def refitted(self, fit: Refitted, ranking: Sequence[Scored]) -> list[Finalist]:
         """The best few of a ranking, each refitted beside the effects of a fit; best first."""
-        finalists = [self._refitted(fit, scored) for scored in _finalists(ranking, fit.effects)]
+        finalists = side_by_side(partial(self._refitted, fit), _finalists(ranking, fit.effects))
         finalists = _with_nominal(finalists, self.logs, self.nominal, self.train, self.test)
         if finalists and self._may_be_everywhere(finalists[0].scored, fit.effects):
             finalists = sorted([*finalists, self._everywhere(fit, finalists[0])], key=lambda f: f.held_out)
@@ -89,10 +91,12 @@ def _with_nominal(finalists: list[Finalist], logs, nominal, train, test) -> list
     """Best first; the best few are fitted again with the nominal numbers free."""
     finalists.sort(key=lambda f: f.held_out)
     near = [f for f in finalists[:REFINED] if f.held_out < NEAR * finalists[0].held_out]
-    for i, finalist in enumerate(near):
+
+    def again(finalist: Finalist) -> Finalist:
         fit = refit(logs, finalist.fit.effects, nominal, finalist.fit, train, LONG_FIT)
-        finalists[i] = finalist._replace(fit=fit, held_out=chi2_on(fit, test))
-    return sorted(finalists, key=lambda f: f.held_out)
+        return finalist._replace(fit=fit, held_out=chi2_on(fit, test))
+
+    return sorted([*side_by_side(again, near), *finalists[len(near) :]], key=lambda f: f.held_out)
 
 
 def _finalists(ranking: Sequence[Scored], chosen: Sequence[Placed]) -> list[Scored]:
