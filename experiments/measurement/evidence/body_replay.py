@@ -23,6 +23,7 @@ from scipy.signal import savgol_filter
 from experiments.effects.compose import ActiveEffects, EffectNumbers
 from experiments.lanes import lanes
 from experiments.measurement.evidence.behind_sensors import behind_sensors
+from experiments.measurement.evidence.unlogged import measured_or
 from experiments.measurement.logs.log import Log
 from mjx_starleth.bodies import Bodies, BodyParams, make_bodies
 from mjx_starleth.numbers import RobotNumbers
@@ -156,7 +157,7 @@ def body_replay(numbers: RobotNumbers, effects: ActiveEffects, clamped: bool) ->
 def body_log(log: Log) -> BodyLog:
     """The bodies' part of a log on the robot."""
     q_joint, torque = log.joints("joint_position"), log.joints("joint_torque")
-    v_joint = _measured(log.joints("joint_velocity"), np.gradient(q_joint, log.sample_period, axis=0))
+    v_joint = measured_or(np.gradient(q_joint, log.sample_period, axis=0), log.joints("joint_velocity"))
     base_q, base_u = _base_motion(log)
     q = np.nan_to_num(np.concatenate([base_q, q_joint], 1))
     u = np.nan_to_num(np.concatenate([base_u, v_joint], 1))
@@ -201,14 +202,9 @@ def _base_motion(log: Log) -> tuple[np.ndarray, np.ndarray]:
         return np.tile([0.0, 0, 0, 1, 0, 0, 0], (log.rows, 1)), np.zeros((log.rows, 6))
     position, orientation = log.vector("base_position"), log.vector("base_orientation")
     linear, angular = log.vector("base_linear_velocity"), log.vector("base_angular_velocity")
-    linear = _measured(linear, np.gradient(position, log.sample_period, axis=0))
-    angular = _measured(angular, _turning(orientation, log.sample_period))
+    linear = measured_or(np.gradient(position, log.sample_period, axis=0), linear)
+    angular = measured_or(_turning(orientation, log.sample_period), angular)
     return np.concatenate([position, orientation], 1), np.concatenate([linear, angular], 1)
-
-
-def _measured(velocity: np.ndarray | None, gradient: np.ndarray) -> np.ndarray:
-    """A velocity (T, n), of columns in which it was not logged the gradient."""
-    return gradient if velocity is None else np.where(np.isfinite(velocity).any(0), velocity, gradient)
 
 
 def _turning(orientation: np.ndarray, period: float) -> np.ndarray:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.errors import UserError
+from experiments.measurement.evidence.unlogged import held, measured_or
 from experiments.measurement.logs.log import Log
 
 
@@ -58,7 +59,7 @@ def drive_log(log: Log) -> DriveLog:
     for signal in NEEDED:
         if log.joints(signal) is None:
             raise UserError(f"{log.name}: the drives cannot be replayed without '{signal}'; log it.")
-    q = _held(log.joints("joint_position"))
+    q = held(log.joints("joint_position"))
     torque, position = log.joints("command_torque"), log.joints("command_position")
     if torque is None and position is None:
         raise UserError(f"{log.name}: no command was logged; add command_torque or command_position.")
@@ -66,34 +67,18 @@ def drive_log(log: Log) -> DriveLog:
     torque = nothing if torque is None else torque
     position = nothing if position is None else position
     mode = np.where(np.isfinite(torque), 0.0, 1.0)
-    tau = _held(log.joints("joint_torque"))
-    theta = _held(log.joints("motor_position"))
+    tau = held(log.joints("joint_torque"))
+    theta = held(log.joints("motor_position"))
     tables = (
         np.nan_to_num(torque),
         np.where(np.isfinite(position), position, q),
         mode,
         q,
-        _velocity(log, "joint_velocity", q),
+        measured_or(np.gradient(q, log.sample_period, axis=0), log.joints("joint_velocity")),
         tau,
         theta,
-        _velocity(log, "motor_velocity", theta),
-        np.zeros_like(q) if log.joints("motor_current") is None else _held(log.joints("motor_current")),
+        measured_or(np.gradient(theta, log.sample_period, axis=0), log.joints("motor_velocity")),
+        np.zeros_like(q) if log.joints("motor_current") is None else held(log.joints("motor_current")),
     )
     told = channels_logged(log)[:, 0]
     return DriveLog(*(np.asarray(np.where(told, table, 0.0), np.float32) for table in tables))
-
-
-def _velocity(log: Log, signal: str, position: np.ndarray) -> np.ndarray:
-    """As measured, the gradient of the position of joints of which it was not."""
-    gradient, measured = np.gradient(position, log.sample_period, axis=0), log.joints(signal)
-    return gradient if measured is None else np.where(_logged(log, signal), _held(measured), gradient)
-
-
-def _held(table: np.ndarray) -> np.ndarray:
-    """Holds the last value over single missing samples, the first one backwards; zeros where nothing was logged."""
-    known = np.isfinite(table)
-    index = np.where(known, np.arange(len(table))[:, None], -1)
-    index = np.maximum.accumulate(index, axis=0)
-    first = np.argmax(known, axis=0)
-    index = np.where(index < 0, first[None, :], index)
-    return np.nan_to_num(np.take_along_axis(table, index, axis=0))

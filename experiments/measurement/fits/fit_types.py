@@ -1,12 +1,14 @@
 """What is fitted, and what a fit is: effects at places, nominal numbers, the result."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from experiments.measurement.evidence.log_evidence import Point
+
+Masks = Sequence[np.ndarray]  # of each log, the blocks (blocks,) that are meant
 
 
 class Placed(NamedTuple):

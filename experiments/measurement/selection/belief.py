@@ -9,7 +9,7 @@ import scipy.stats
 from experiments.effects.effect import Effect
 from experiments.effects.places import mask
 from experiments.measurement.evidence.log_evidence import Evidence
-from experiments.measurement.fits.fit_types import Refitted
+from experiments.measurement.fits.fit_types import Masks, Refitted
 from experiments.measurement.fits.footprint import left_at, noise_at
 from experiments.measurement.selection.linear_score import Scored
 
@@ -100,7 +100,7 @@ def simplest(
     return winner, [f for f in simple if not any(f is one for one in alike)]
 
 
-def plain(effect: Effect, where: str, before: Refitted, after: float, logs: Sequence[Evidence], test) -> bool:
+def plain(effect: Effect, where: str, before: Refitted, after: float, logs: Sequence[Evidence], test: Masks) -> bool:
     """Whether an effect explains most of what is left where it acts, and that is more than noise.
 
     Then its interval need not hold it apart from none: a misfit elsewhere may have widened that, through nominal
@@ -110,12 +110,12 @@ def plain(effect: Effect, where: str, before: Refitted, after: float, logs: Sequ
     return gain > max(noise_at(effect, where, logs, test), MOST * left_at(effect, where, logs, before, test))
 
 
-def loud(effect: Effect, where: str, before: Refitted, logs: Sequence[Evidence], test) -> bool:
+def loud(effect: Effect, where: str, before: Refitted, logs: Sequence[Evidence], test: Masks) -> bool:
     """Whether as much is left where an effect acts as its noise."""
     return left_at(effect, where, logs, before, test) > noise_at(effect, where, logs, test)
 
 
-def proven(effect: Effect, where: str, before: Refitted, after: float, logs: Sequence[Evidence], test) -> bool:
+def proven(effect: Effect, where: str, before: Refitted, after: float, logs: Sequence[Evidence], test: Masks) -> bool:
     """Whether the fall of chi^2 on held-out blocks says that the effect is there."""
     affected = noise_at(effect, where, logs, test)
     left = left_at(effect, where, logs, before, test)
@@ -133,11 +133,11 @@ def all_blocks(logs: Sequence[Evidence]) -> list[np.ndarray]:
     return [np.ones(log.blocks, bool) for log in logs]
 
 
-def weight_of(logs: Sequence[Evidence], blocks: Sequence[np.ndarray]) -> float:
+def weight_of(logs: Sequence[Evidence], blocks: Masks) -> float:
     """Expected chi^2 of noise alone."""
     return float(sum((log.weight() * b).sum() for log, b in zip(logs, blocks, strict=True)))
 
 
-def chi2_on(fit: Refitted, blocks: Sequence[np.ndarray]) -> float:
+def chi2_on(fit: Refitted, blocks: Masks) -> float:
     """chi^2 that a fit leaves on some blocks (masks per log)."""
     return float(sum((c * b).sum() for c, b in zip(fit.chi2, blocks, strict=True)))

@@ -3,10 +3,8 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from experiments.measurement.evidence.log_evidence import Evidence
-from experiments.measurement.fits.fit_types import Refitted
+from experiments.measurement.fits.fit_types import Masks, Refitted
 from experiments.measurement.fits.footprint import left_at
 from experiments.measurement.selection.belief import (
     CLEAR_GAIN,
@@ -47,7 +45,7 @@ class Judge(NamedTuple):
 
     logs: Sequence[Evidence]
     before: Refitted
-    test: Sequence[np.ndarray]
+    test: Masks
     elsewhere: Elsewhere
     refuted: list[Refuted]
 

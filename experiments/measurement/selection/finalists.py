@@ -10,7 +10,7 @@ import numpy as np
 from experiments.effects.places import mask
 from experiments.measurement.evidence.features import Change, Products
 from experiments.measurement.evidence.log_evidence import Evidence
-from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
+from experiments.measurement.fits.fit_types import Masks, Nominal, Placed, Refitted
 from experiments.measurement.fits.refit import SHORT_FIT, refit, refit_effects
 from experiments.measurement.fits.side_by_side import side_by_side
 from experiments.measurement.selection.belief import LEAST_GAIN, Finalist, chi2_on
@@ -33,8 +33,8 @@ class Round(NamedTuple):
     nominal: Sequence[Nominal]
     changes: list[Change]
     products: list[Products]
-    train: list[np.ndarray]
-    test: list[np.ndarray]
+    train: Masks
+    test: Masks
     say: Callable[[str], None]
 
     def refitted(self, fit: Refitted, ranking: Sequence[Scored]) -> list[Finalist]:
@@ -87,7 +87,13 @@ def at_other_joints(ranking: Sequence[Scored], joint_names: tuple[str, ...]) -> 
     return [s for s in ranking if s.effect.axis == "joint" and not (mask(s.where, "joint", joint_names) * taken).any()]
 
 
-def _with_nominal(finalists: list[Finalist], logs, nominal, train, test) -> list[Finalist]:
+def _with_nominal(
+    finalists: list[Finalist],
+    logs: Sequence[Evidence],
+    nominal: Sequence[Nominal],
+    train: Masks,
+    test: Masks,
+) -> list[Finalist]:
     """Best first; the best few are fitted again with the nominal numbers free."""
     finalists.sort(key=lambda f: f.held_out)
     near = [f for f in finalists[:REFINED] if f.held_out < NEAR * finalists[0].held_out]

@@ -20,8 +20,8 @@ from experiments.measurement.selection.linear_score import Scored, scored_at
 # Of the 17 robots without an effect that these were set on, the best score was 664, and the largest share 2.6 %.
 LONE_GAIN, LONE_SHARE = 150.0, 0.03  # of an effect that stands out: its score, and what that is of the noise there
 SURE_GAIN = 700.0  # a score that is enough whatever its share
-ALONE = 3.0  # times the best score of an effect that acts elsewhere
-RIVAL = 0.25  # of the best score: others there that have less do not explain the same
+ABOVE_ELSEWHERE = 3.0  # times the best score of an effect that acts elsewhere
+SAME_PLACE_RIVAL = 0.25  # of the best score: others there that have less do not explain the same
 
 
 def lone(logs: Sequence[Evidence], fit: Refitted, ranking: Sequence[Scored], round_: Round) -> list[Scored]:
@@ -32,9 +32,9 @@ def lone(logs: Sequence[Evidence], fit: Refitted, ranking: Sequence[Scored], rou
     best, names = lower[0], logs[0].atoms.joint_names
     elsewhere = max((s.gain for s in lower if not _meet(s, best, names)), default=0.0)
     share = LONE_SHARE * noise_at(best.effect, best.where, logs, all_blocks(logs))
-    if best.gain < max(LONE_GAIN, min(share, SURE_GAIN), ALONE * elsewhere):
+    if best.gain < max(LONE_GAIN, min(share, SURE_GAIN), ABOVE_ELSEWHERE * elsewhere):
         return []
-    return [s for s in lower if s.gain > RIVAL * best.gain]
+    return [s for s in lower if s.gain > SAME_PLACE_RIVAL * best.gain]
 
 
 def without_noise(logs: Sequence[Evidence], fit: Refitted, ranking: Sequence[Scored], round_: Round) -> list[Scored]:

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Sequence
 
 from experiments.measurement.evidence.log_evidence import Evidence
-from experiments.measurement.fits.fit_types import Placed
+from experiments.measurement.fits.fit_types import Masks, Placed
 from experiments.measurement.fits.refit import SHORT_FIT, refit
 from experiments.measurement.selection.belief import all_blocks, chi2_on, halves, proven, told_from_none
 from experiments.measurement.selection.ladder import Rung, Selection
 from experiments.measurement.selection.steadiness import changes_in
 
 
-def take_out_needless(selection: Selection, logs: Sequence[Evidence], train, test) -> None:
+def take_out_needless(selection: Selection, logs: Sequence[Evidence], train: Masks, test: Masks) -> None:
     """Take out, the last one apart, each effect that the later ones have made needless."""
     known = {effect.name: effect for effect in logs[0].atoms.effects}
     for k in reversed(range(len(selection.fit.effects) - 1)):
@@ -21,7 +21,7 @@ def take_out_needless(selection: Selection, logs: Sequence[Evidence], train, tes
             _taken_out(selection, k, logs, train)
 
 
-def take_out_idle(selection: Selection, logs: Sequence[Evidence], train) -> None:
+def take_out_idle(selection: Selection, logs: Sequence[Evidence], train: Masks) -> None:
     """Take out each effect that the fit to everything neither tells from none nor needs."""
     known = {effect.name: effect for effect in logs[0].atoms.effects}
     for k in reversed(range(len(selection.fit.effects))):
@@ -33,7 +33,7 @@ def take_out_idle(selection: Selection, logs: Sequence[Evidence], train) -> None
             _taken_out(selection, k, logs, train)
 
 
-def _taken_out(selection: Selection, k: int, logs: Sequence[Evidence], train) -> None:
+def _taken_out(selection: Selection, k: int, logs: Sequence[Evidence], train: Masks) -> None:
     """The selection without its k-th effect; the later ones are fitted again."""
     others = _others(selection.fit.effects, k)
     selection.forget(k)

@@ -23,7 +23,7 @@ from experiments.measurement.selection.pruning import take_out_idle, take_out_ne
 
 MOST_EFFECTS = 6
 CLEAR_SHARE = 0.03  # of the noise where it acts, that a score has to be for an effect to be worth a try
-ALONE = 4.0  # times the next effect's linear score, from which the best one is worth a refit whatever it explains
+FAR_ABOVE = 4.0  # times the next effect's linear score, from which the best one is worth a refit whatever it explains
 NEGLIGIBLE = 5e-6  # of the nominal model's misfit: what a strong effect's own equation may be wrong by
 LEAST_REST = 0.005  # of noise's own chi^2, above the floor: a smaller rest is no effect
 NOISE = -0.05  # excess of chi^2 per residual under which nothing can be left to find
@@ -115,9 +115,9 @@ def leaves_more(logs: Sequence[Evidence], selection: Selection) -> bool:
 
 
 def _promises(ranking: Sequence[Scored], least: float) -> bool:
-    """Whether the best linear score reaches `least` or is ALONE times that of any other effect."""
+    """Whether the best linear score reaches `least` or is FAR_ABOVE times that of any other effect."""
     best, *others = best_of_each(ranking)
-    return best.gain >= min(least, ALONE * max((s.gain for s in others), default=0.0))
+    return best.gain >= min(least, FAR_ABOVE * max((s.gain for s in others), default=0.0))
 
 
 def stands_out(ranking: Sequence[Scored], logs: Sequence[Evidence]) -> bool:
