@@ -287,6 +287,15 @@ def test_sensors_that_are_all_late_are_no_shift_of_the_torque_that_mends_a_littl
     assert check(as_log(case, record([case]), 0), NUMBERS) == []
 
 
+def test_motors_that_chatter_while_their_joints_rest_are_no_fault() -> None:
+    """A spring with much damping under a slow squat: the torque loops rock the motors from row to row."""
+    case = Case("squat", "poor", (Effect("spring_damping", "all", {"added": 1.27}),), 17, 3.0)
+    log = as_log(case, record([case]), 0)
+    speed = log.joints("motor_velocity")
+    assert (np.sign(speed[1:]) != np.sign(speed[:-1])).mean() > 0.5  # they do
+    assert check(log, NUMBERS) == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", ["air", "air_torque", "squat", "hops"])
 def test_no_effect_at_all_is_taken_for_a_fault(motion: str) -> None:

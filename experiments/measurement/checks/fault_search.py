@@ -43,6 +43,8 @@ _ALL_EXPLAINED: Final = 0.9  # of what a repair can bring to the links that it t
 _FURTHER_LAG: Final = 15.0  # nats by which a longer shift must beat one that an effect may have
 # A true shift brings 0.19 and more of what its links could gain; beside a delay of sensors others bring up to 0.13
 _LEAST_SHARE: Final = 0.17
+# Columns exchanged back mend both joints; those of a joint at rest, exchanged with any other's, bring 0.02 in all
+_LEAST_SWAP_SHARE: Final = 0.17
 _AS_MUCH: Final = 5.0  # nats between shifts that explain the same
 _MOST_LAG: Final = 60.0  # samples searched
 _MOST_REPAIRS: Final = 40
@@ -163,6 +165,8 @@ class FaultSearch:
         total -= _EXTRA_SIGNAL * (len(repair.signals) - 1)
         ratio, before, after = best
         least = _LEAST_SHIFT_RATIO if still else _LEAST_RATIO
+        if repair.kind == "swapped_joints" and share < _LEAST_SWAP_SHARE:
+            return None
         wrong = before >= _least_wrong(repair)
         return Finding(repair, total, share) if ratio >= least and wrong and after <= _MENDED else None
 

@@ -12,6 +12,7 @@ from experiments.measurement.logs.noise_floor import estimated
 
 _TOO_MUCH: Final = 20.0  # times what single samples show; a filter in the sensor hides some
 _TOO_LITTLE: Final = 0.1  # of the resolution, whose rounding alone leaves 0.29
+_ROUNDING: Final = 1e-5  # of a column's range: values so close are one, in single precision
 
 
 def noise_claims(log: Log) -> Iterator[Fault]:
@@ -38,7 +39,13 @@ def noise_claims(log: Log) -> Iterator[Fault]:
 
 
 def _resolution(values: Array) -> float:
-    """The smallest step between two samples, the median over columns (T, n) that have any; 0 for none."""
-    steps = np.abs(np.diff(values, axis=0))
-    smallest = [float(column[column > 0].min()) for column in steps.T if (column > 0).any()]
+    """The smallest distance of two values, the median over columns (T, n) that have any; 0 for none.
+
+    Not of two samples in a row: a motor that chatters takes a large step from each to the next.
+    """
+    smallest = []
+    for column in values.T:
+        apart = np.diff(np.unique(column[np.isfinite(column)]))
+        apart = apart[apart > _ROUNDING * apart.sum()]
+        smallest += [float(apart.min())] if len(apart) else []
     return float(np.median(smallest)) if smallest else 0.0
