@@ -59,7 +59,7 @@ EFFECTS = (
         "the spring grows stiffer with its deflection",
         "drive",
         "joint",
-        (Parameter("cubic", "N m/rad^3", -300.0, 3000.0, 30.0),),
+        (Parameter("cubic", "N m/rad^3", -300.0, 20000.0, 30.0),),
         {"spring": _stiffening},
         sharp=True,
     ),

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fits.refit import SHORT_FIT, refit, settle
+from experiments.measurement.fits.side_by_side import side_by_side
 
 LEARNED = 40.0  # fall of chi^2 on the other logs from which they teach anything about an effect
 WORSE = 0.01  # of the unseen log's noise variance, by which an imitation makes it worse
@@ -49,8 +50,8 @@ class Elsewhere:
         """One for each log, none where there is only one; effects start from where a fit to all logs has them."""
         key = tuple((p.effect, p.where) for p in effects)
         if key not in self.known:
-            few = len(self.logs) < 2
-            self.known[key] = () if few else tuple(self._without(k, effects, start) for k in range(len(self.logs)))
+            each = range(len(self.logs)) if len(self.logs) > 1 else ()
+            self.known[key] = tuple(side_by_side(lambda k: self._without(k, effects, start), each))
         return self.known[key]
 
     def proofs(self, effects: Sequence[Placed], start: Refitted) -> list[Proof]:

@@ -1,10 +1,12 @@
 """What selection takes back: effects that are needless, that no fit tells from none, or that are not steady."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from experiments.measurement.evidence.log_evidence import Evidence
-from experiments.measurement.fits.fit_types import Masks, Placed
+from experiments.measurement.fits.fit_types import Masks, Placed, Refitted
 from experiments.measurement.fits.refit import SHORT_FIT, refit
+from experiments.measurement.fits.side_by_side import side_by_side
 from experiments.measurement.selection.belief import all_blocks, chi2_on, halves, proven, told_from_none
 from experiments.measurement.selection.ladder import Rung, Selection
 from experiments.measurement.selection.steadiness import changes_in
@@ -13,12 +15,14 @@ from experiments.measurement.selection.steadiness import changes_in
 def take_out_needless(selection: Selection, logs: Sequence[Evidence], train: Masks, test: Masks) -> None:
     """Take out, the last one apart, each effect that the later ones have made needless."""
     known = {effect.name: effect for effect in logs[0].atoms.effects}
+    without: list[Refitted] = []
     for k in reversed(range(len(selection.fit.effects) - 1)):
-        placed, others = selection.fit.effects[k], _others(selection.fit.effects, k)
-        without = refit(logs, others, selection.nominal, selection.fit, train, SHORT_FIT)
-        after = chi2_on(selection.ladder[-1].proof, test)
-        if not proven(known[placed.effect], placed.where, without, after, logs, test):
+        if not without:
+            without = side_by_side(partial(_without, selection, logs, train), range(k + 1))
+        placed, after = selection.fit.effects[k], chi2_on(selection.ladder[-1].proof, test)
+        if not proven(known[placed.effect], placed.where, without[k], after, logs, test):
             _taken_out(selection, k, logs, train)
+            without = []  # they were fits beside it
 
 
 def take_out_idle(selection: Selection, logs: Sequence[Evidence], train: Masks) -> None:
@@ -43,6 +47,11 @@ def _taken_out(selection: Selection, k: int, logs: Sequence[Evidence], train: Ma
         proof = refit(logs, full.effects, selection.nominal, full, train, SHORT_FIT)
         rungs.append(Rung(f"+ {others[i - 1].effect}@{others[i - 1].where}", full, proof))
     selection.ladder, selection.fit = rungs, rungs[-1].fit
+
+
+def _without(selection: Selection, logs: Sequence[Evidence], train: Masks, k: int) -> Refitted:
+    """A fit to the blocks `train` without the k-th effect."""
+    return refit(logs, _others(selection.fit.effects, k), selection.nominal, selection.fit, train, SHORT_FIT)
 
 
 def _others(effects: Sequence[Placed], k: int) -> list[Placed]:
