@@ -39,13 +39,14 @@ def noise_claims(log: Log) -> Iterator[Fault]:
 
 
 def _resolution(values: Array) -> float:
-    """The smallest distance of two values, the median over columns (T, n) that have any; 0 for none.
+    """The smallest step of a column, the median over columns (T, n) that have any; 0 for none.
 
-    Not of two samples in a row: a motor that chatters takes a large step from each to the next.
+    From row to row or between values, whichever is less: a motor that chatters takes a large step in every row.
     """
     smallest = []
     for column in values.T:
-        apart = np.diff(np.unique(column[np.isfinite(column)]))
-        apart = apart[apart > _ROUNDING * apart.sum()]
-        smallest += [float(apart.min())] if len(apart) else []
+        known = column[np.isfinite(column)]
+        row_to_row, apart = np.abs(np.diff(known)), np.diff(np.unique(known))
+        steps = np.concatenate([row_to_row[row_to_row > 0], apart[apart > _ROUNDING * apart.sum()]])
+        smallest += [float(steps.min())] if len(steps) else []
     return float(np.median(smallest)) if smallest else 0.0
