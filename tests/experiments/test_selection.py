@@ -27,7 +27,7 @@ from experiments.measurement.selection.choice import Judge
 from experiments.measurement.selection.finalists import Round, at_other_joints
 from experiments.measurement.selection.ladder import Rung, Selection
 from experiments.measurement.selection.linear_score import Scored
-from experiments.measurement.selection.pruning import take_out_idle, take_out_unsure
+from experiments.measurement.selection.pruning import take_out_idle, take_out_needless, take_out_unsure
 from experiments.measurement.selection.select import _promises, stands_out
 from mjx_starleth.names import JOINT_NAMES
 
@@ -288,6 +288,28 @@ def test_an_effect_that_the_whole_fit_neither_tells_from_none_nor_needs_is_taken
     selection = Selection(fit, (), None, ladder, ties=[[], []], winners=[fit] * 2, rivals=[[], []], sure=[True, True])
     take_out_idle(selection, [log], [np.ones(1, bool)])
     assert len(selection.fit.effects) == kept == len(selection.ties) == len(selection.ladder) - 1
+
+
+def test_what_is_left_after_an_effect_was_taken_out_is_judged_without_it(monkeypatch) -> None:
+    log, before = one_loud_joint()
+    names = ("viscous_friction", "coulomb_friction", "backlash")
+    log.atoms.effects = tuple(LIBRARY[name] for name in names)
+    fits = [replace(before, effects=tuple(Placed(name, "all", {}) for name in names[:n])) for n in range(4)]
+    asked = []
+
+    def fitted(_, effects, *__):
+        asked.append(tuple(placed.effect for placed in effects))
+        return replace(before, effects=tuple(effects))
+
+    monkeypatch.setattr("experiments.measurement.selection.pruning.refit", fitted)
+    needed = lambda effect, *_: effect.name != "coulomb_friction"  # noqa: E731
+    monkeypatch.setattr("experiments.measurement.selection.pruning.proven", needed)
+    kept = {"ties": [[]] * 3, "winners": fits[1:], "rivals": [[]] * 3, "sure": [True] * 3}
+    selection = Selection(fits[3], (), None, [Rung("", fit, fit) for fit in fits], **kept)
+    blocks = [np.ones(1, bool)]
+    take_out_needless(selection, [log], blocks, blocks)
+    assert [placed.effect for placed in selection.fit.effects] == ["viscous_friction", "backlash"]
+    assert asked[-1] == ("backlash",)
 
 
 @pytest.mark.parametrize(("scores", "tried"), [((60.0, 40.0), True), ((30.0, 20.0), False), ((30.0, 7.0), True)])

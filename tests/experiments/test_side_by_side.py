@@ -1,16 +1,23 @@
 """Fits on several threads: replays are remembered once, devices take turns, results come in the order of the items."""
 
 import threading
+from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
+from experiments.effects.library import LIBRARY
 from experiments.measurement.evidence import remembered, turns
+from experiments.measurement.evidence.gather import gather
 from experiments.measurement.evidence.remembered import Remembered
 from experiments.measurement.fits import side_by_side as module
 from experiments.measurement.fits.side_by_side import side_by_side
+from experiments.measurement.logs.log_reader import read_log
+from experiments.measurement.logs.noise_floor import noise_of
+from experiments.model import nominal_model
 
+AIR = Path(__file__).parents[1] / "data" / "air_reference_1500ms.csv.gz"
 LONG = 30.0  # s that no test waits for unless it fails
 
 
@@ -92,3 +99,15 @@ def test_an_error_of_a_fit_is_raised(two_devices):
 
     with pytest.raises(ValueError, match="no such effect"):
         side_by_side(fit, [1, 2, 3])
+
+
+def test_a_replay_is_the_same_to_the_bit_alone_and_among_others():
+    """Else what a diagnosis finds would hang on which thread asked first."""
+    log, effects = read_log(AIR), {name: LIBRARY[name] for name in ("stribeck_friction", "torque_ripple", "backlash")}
+    drive = gather(log, nominal_model(), effects, noise_of(log)).drive
+    xs = np.abs(np.random.default_rng(0).normal(0.0, 1e-3, (9, drive.atoms.size)))
+    shifts = np.zeros((9, 12))
+    together = drive.predict(xs, shifts)
+    assert np.isfinite(together).all() and np.ptp(together, axis=0).max() > 0
+    for k in range(9):
+        np.testing.assert_array_equal(drive.predict(xs[k : k + 1], shifts[:1])[0], together[k])

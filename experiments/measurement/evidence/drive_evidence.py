@@ -1,5 +1,6 @@
 """What a log says about the drives: replays with many sets of numbers at once, and the noise that replays leave."""
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -15,7 +16,7 @@ from experiments.measurement.evidence.drive_replay import CHANNELS, DriveReplay,
 from experiments.measurement.evidence.turns import next_devices
 from sea_jax import DriveParams, JointMotion, LoopPeriods
 
-LANES = (8, 1)  # sets of numbers per call, one compiled replay for each; eight cost as much as five alone
+LANES = 8  # sets of numbers per call of the one compiled replay: another might round otherwise
 PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
 SETTLE = 0.05  # s at the start of a log, in which the loops forget what was before it
 FLOOR_DRAWS = 3  # re-noised link motions from which the replay's own noise is estimated
@@ -140,18 +141,15 @@ def predict(
     shifts: np.ndarray,
 ) -> np.ndarray:
     """Predictions (H, T, J, 3) through the compiled programs, on all devices in turn."""
-    devices = next_devices(most=-(-len(xs) // LANES[1]))
+    starts = range(0, len(xs), LANES)
+    devices = next_devices(len(starts))
     places = [(device, *jax.device_put((params, log, motion), device)) for device in devices]
-    parts, done = [], 0
-    while done < len(xs):
-        left = len(xs) - done
-        size = LANES[0] if left > LANES[0] // 2 else LANES[1]
-        here = np.minimum(np.arange(done, done + size), len(xs) - 1)
-        device, its_params, its_log, its_motion = places[len(parts) % len(places)]
+    parts = []
+    for start, (device, *measured_there) in zip(starts, itertools.cycle(places), strict=False):
+        here = np.minimum(np.arange(start, start + LANES), len(xs) - 1)
         numbers = jax.device_put((xs[here].astype(np.float32), shifts[here].astype(np.float32)), device)
-        parts.append(_lanes(replay, atoms, its_params, its_log, its_motion, *numbers)[: min(size, left)])
-        done += size
-    return np.concatenate([np.asarray(part) for part in parts])
+        parts.append(_lanes(replay, atoms, *measured_there, *numbers))
+    return np.concatenate([np.asarray(part) for part in parts])[: len(xs)]
 
 
 @partial(jax.jit, static_argnums=(0, 1))
