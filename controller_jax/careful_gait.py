@@ -1,9 +1,9 @@
-"""A gait that takes more care where it must: on steep ground, and while something carries the torso away.
+"""A gait that takes more care where it must: on steep ground, and while something carries or turns the torso away.
 
-What a gait with flights is good for on the level, strikes hard and steers little: on a slope and under a push it goes
-over to a form of itself that keeps its feet on the ground. As between any two gaits every number of the controller is
-interpolated (PAPER V.A.1; LOCO blends its gaits so). Where the footfalls come in another order, as between a bound and
-a trot, they shift by up to half a stride meanwhile: that must take longer than a stride (`rise`).
+What a gait with flights is good for on the level, strikes hard and steers little: on a slope, under a push and when it
+stumbles it goes over to a form of itself that keeps its feet on the ground. As between any two gaits every number of
+the controller is interpolated (PAPER V.A.1; LOCO blends its gaits so). Where the footfalls come in another order, as
+between a bound and a trot, they shift by up to half a stride meanwhile: that must take longer than a stride (`rise`).
 """
 
 from typing import NamedTuple
@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from controller_jax import locomotion
 from controller_jax.locomotion import GaitParams, LocomotionInfo, LocomotionState
-from controller_jax.rotations import TINY
+from controller_jax.rotations import TINY, cross
 from controller_jax.types import Array, JointTargets, LegGeometry, RobotState
 from controller_jax.velocity_command import VelocityCommand
 
@@ -23,6 +23,7 @@ class CautionParams(NamedTuple):
 
     slope: Array  # (2,) of the ground, rad
     excess: Array  # (2,) speed along the ground beyond the commanded one, m/s
+    tilt: Array  # (2,) of the torso against the ground, rad
     rise: Array  # () s from none to all, > 0
     calm: Array  # () s from all to none, > 0
 
@@ -66,14 +67,16 @@ def step(
 
 
 def asked_caution(params: CautionParams, gait: LocomotionState, robot: RobotState) -> Array:
-    """Care () from 0 to 1 that the ground or the torso's speed asks for, whichever asks for more."""
+    """Care () from 0 to 1 that the ground, the torso's speed or its tilt asks for, whichever asks for most."""
     normal, v_W = gait.plane.normal_W, robot.v_WB
     along = v_W - (v_W * normal).sum() * normal
     commanded = jnp.sqrt(gait.command.heading**2 + gait.command.lateral**2 + TINY)
     excess = jnp.sqrt((along * along).sum() + TINY) - commanded
-    # sine for the angle: the difference is 3 % at 25 degrees
+    # sines for the angles: the difference is 3 % at 25 degrees
     steep = jnp.sqrt(normal[0] ** 2 + normal[1] ** 2 + TINY)
-    return jnp.maximum(_share(params.slope, steep), _share(params.excess, excess))
+    tilt = jnp.sqrt((cross(normal, robot.R_WB[:, 2]) ** 2).sum() + TINY)
+    asked = (_share(params.slope, steep), _share(params.excess, excess), _share(params.tilt, tilt))
+    return jnp.stack(asked).max()
 
 
 def _share(limits: Array, value: Array) -> Array:

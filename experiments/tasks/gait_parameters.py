@@ -24,14 +24,14 @@ from experiments.files import read_json, shown
 
 MAX_BYTES = 1_000_000
 # rad and m/s that no ground and no gait has
-NEVER: Final[Mapping[str, Any]] = MappingProxyType({"slope": [1e3, 2e3], "excess": [1e3, 2e3]})
+NEVER: Final[Mapping[str, Any]] = MappingProxyType({name: [1e3, 2e3] for name in ("slope", "excess", "tilt")})
 # Numbers of the controller that are vectors, and their lengths; all others are scalars.
 VECTORS: Final[Mapping[str, int]] = MappingProxyType(
     dict.fromkeys((f"gains.{kind}_{gain}" for kind in ("force", "torque") for gain in "pid"), 3)
     | dict.fromkeys(("torso.once_per_cycle", "torso.twice_per_cycle", "torso.speed_lead"), 2)
     | dict.fromkeys(("foothold.feedback", "foothold.heading_offset", "foothold.lateral_offset"), 2)
     | {"distribution.wrench_weight": 6, "gains.inertia": 3, "torso.slope_share": 2}
-    | {"caution.slope": 2, "caution.excess": 2}
+    | {f"caution.{name}": 2 for name in NEVER}
 )
 
 Array = jax.Array
@@ -136,8 +136,8 @@ def careful_from_settings(
 ) -> tuple[GaitParams, CautionParams]:
     """The careful form of a gait, given like its controller, and when it goes over to it; without one it stays itself.
 
-    A slope or an excess of speed that the file does not give never asks for care. Raises UserError for a missing,
-    unknown or misformed number.
+    A slope, an excess of speed or a tilt that the file does not give never asks for care. Raises UserError for a
+    missing, unknown or misformed number.
     """
     if settings is None:
         return controller, _read(CautionParams, {**NEVER, "rise": 1.0, "calm": 1.0}, {}, "caution", task)
@@ -145,8 +145,10 @@ def careful_from_settings(
     if not both or not isinstance(settings["caution"], Mapping):
         raise UserError(f"Task {task}: settings.careful must be an object of caution and controller.")
     caution = _read(CautionParams, {**NEVER, **settings["caution"]}, {}, "caution", task)
-    if not all(float(one[0]) < float(one[1]) for one in (caution.slope, caution.excess)):
-        raise UserError(f"Task {task}: settings.careful.caution: slope and excess must be two growing numbers each.")
+    if not all(float(one[0]) < float(one[1]) for one in (caution.slope, caution.excess, caution.tilt)):
+        raise UserError(
+            f"Task {task}: settings.careful.caution: slope, excess and tilt must be two growing numbers each."
+        )
     if min(float(caution.rise), float(caution.calm)) <= 0.0:
         raise UserError(f"Task {task}: settings.careful.caution: rise and calm must be more than zero seconds.")
     return controller_from_settings(settings["controller"], robot, f"{task}, careful form"), caution

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from test_locomotion import GEOMETRY, PERIOD, begin, params, robot_state
 
 from controller_jax import careful_gait, locomotion
@@ -11,8 +12,8 @@ from controller_jax.careful_gait import CarefulGait, CarefulState, CautionParams
 from controller_jax.terrain_estimator import Plane
 from controller_jax.velocity_command import VelocityCommand
 
-SLOPE, EXCESS, RISE, CALM = (0.1, 0.2), (0.4, 0.6), 0.1, 2.0
-CAUTION = CautionParams(jnp.float32(SLOPE), jnp.float32(EXCESS), jnp.float32(RISE), jnp.float32(CALM))
+SLOPE, EXCESS, TILT, RISE, CALM = (0.1, 0.2), (0.4, 0.6), (0.15, 0.3), 0.1, 2.0
+CAUTION = CautionParams(*(jnp.float32(x) for x in (SLOPE, EXCESS, TILT, RISE, CALM)))
 STILL = VelocityCommand(jnp.float32(0.3), jnp.float32(0.0), jnp.float32(0.0))
 
 
@@ -33,8 +34,27 @@ def on_slope(state, angle, direction):
 @pytest.mark.parametrize("angle, direction", [(0.05, 0.0), (0.15, 1.0), (0.15, -2.5), (0.3, 3.0)])
 def test_slopes_of_any_direction_ask_for_care(standing, angle, direction):
     state, robot = standing
-    asked = careful_gait.asked_caution(CAUTION, on_slope(state, angle, direction), robot)
+    params = CAUTION._replace(tilt=jnp.float32([1.1, 1.2]))
+    asked = careful_gait.asked_caution(params, on_slope(state, angle, direction), robot)
     assert float(asked) == pytest.approx(np.interp(np.sin(angle), SLOPE, (0.0, 1.0)), abs=1e-4)
+
+
+@pytest.mark.parametrize("angle, direction", [(0.1, 0.0), (0.2, 0.5), (0.25, -2.5), (0.6, 3.0)])
+@pytest.mark.parametrize("yaw", [0.0, 2.0])
+def test_a_torso_that_leans_any_way_asks_for_care_and_one_that_turns_does_not(standing, angle, direction, yaw):
+    state, robot = standing
+    leaning = Rotation.from_rotvec(angle * np.array([np.cos(direction), np.sin(direction), 0.0]))
+    R_WB = jnp.float32((leaning * Rotation.from_rotvec([0.0, 0.0, yaw])).as_matrix())
+    asked = careful_gait.asked_caution(CAUTION, state, robot._replace(R_WB=R_WB))
+    assert float(asked) == pytest.approx(np.interp(np.sin(angle), TILT, (0.0, 1.0)), abs=1e-3)
+
+
+def test_a_torso_along_a_slope_does_not_lean(standing):
+    state, robot = standing
+    params = CAUTION._replace(slope=jnp.float32([1.1, 1.2]))
+    along = jnp.float32(Rotation.from_rotvec([0.3, 0.0, 0.0]).as_matrix())
+    state = state._replace(plane=Plane(along[:, 2], state.plane.point_W))
+    assert float(careful_gait.asked_caution(params, state, robot._replace(R_WB=along))) == 0.0
 
 
 @pytest.mark.parametrize("velocity", [(0.3, 0.0), (0.8, 0.0), (0.3, 0.7), (0.0, -1.5), (-0.85, 0.0)])
@@ -55,7 +75,7 @@ def test_a_walk_sideways_that_was_commanded_asks_for_no_care(standing):
 def test_a_hop_off_a_slope_is_no_speed_along_it(standing):
     state, robot = standing
     state = on_slope(state, 0.4, 1.0)
-    params = CAUTION._replace(slope=jnp.float32([1.0, 1.2]))
+    params = CAUTION._replace(slope=jnp.float32([1.0, 1.2]), tilt=jnp.float32([1.0, 1.2]))
     assert float(careful_gait.asked_caution(params, state, robot._replace(v_WB=3.0 * state.plane.normal_W))) == 0.0
 
 

@@ -33,8 +33,9 @@ USUAL = {"slope": [0.1, 0.2], "excess": [0.3, 0.5], "rise": 0.1, "calm": 2.0}
     ("caution", "match"),
     [
         ([], "an object of caution and controller"),
-        (USUAL | {"slope": [0.2, 0.1]}, "slope and excess must be two growing numbers"),
-        (USUAL | {"excess": [0.5, 0.5]}, "slope and excess must be two growing numbers"),
+        (USUAL | {"slope": [0.2, 0.1]}, "slope, excess and tilt must be two growing numbers"),
+        (USUAL | {"excess": [0.5, 0.5]}, "slope, excess and tilt must be two growing numbers"),
+        (USUAL | {"tilt": [0.2, 0.1]}, "slope, excess and tilt must be two growing numbers"),
         (USUAL | {"rise": 0.0}, "rise and calm must be more than zero"),
         (USUAL | {"colour": 1.0}, "does not know 'colour'"),
     ],
@@ -51,7 +52,7 @@ def test_what_a_careful_form_does_not_name_never_asks_for_it() -> None:
     content = load_task("running_trot").model_dump(mode="json")
     content["settings"]["careful"]["caution"] = {"rise": 0.1, "calm": 2.0}
     caution = make_task(parse_task(content, "task.json"), nominal_model()).settings.caution
-    assert min(*caution.slope, *caution.excess) > 100.0
+    assert min(*caution.slope, *caution.excess, *caution.tilt) > 100.0
 
 
 def test_a_bound_that_float32_does_not_hold_is_refused() -> None:
