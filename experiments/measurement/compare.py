@@ -15,7 +15,7 @@ from experiments.measurement.evidence.log_evidence import Evidence, Point
 from experiments.measurement.evidence.parts import Rest
 from experiments.measurement.evidence.robot_evidence import RobotEvidence
 from experiments.measurement.fits.fit_types import Refitted
-from experiments.measurement.fits.misfit import FLOOR, Misfit, misfit
+from experiments.measurement.fits.misfit import QUIET, Misfit, misfit
 from experiments.measurement.fits.nominal import never_given
 from experiments.measurement.fits.refit import refit
 from experiments.measurement.logs.log import Log
@@ -23,7 +23,6 @@ from experiments.measurement.logs.noise_floor import noise_of
 from experiments.measurement.regimes import REGIMES, regimes
 from experiments.model import Model
 
-EXPLAINED = 1.3 * FLOOR  # residual over noise of the worst of many channels of a right model
 WHITE_LAG = 10  # rows over which the residual's autocorrelation is judged
 
 
@@ -60,7 +59,7 @@ class Comparison:
 
     @property
     def explained(self) -> bool:
-        return all(c.over_noise <= EXPLAINED for c in self.channels)
+        return all(c.over_noise <= QUIET for c in self.channels)
 
     def in_words(self) -> str:
         """The comparison in one or two sentences."""
@@ -71,7 +70,7 @@ class Comparison:
         at = f"{worst.name}: {worst.over_noise:.2f} times the noise"
         if self.explained:
             return f"The model explains {name} down to the sensors' noise; worst is {at}."
-        failing = [c for c in self.channels if c.over_noise > EXPLAINED]
+        failing = [c for c in self.channels if c.over_noise > QUIET]
         where = f"{len(failing)} of {len(self.channels)} channels" if len(self.channels) > 1 else "its channel"
         return f"The model fails on {name} in {where}; worst is {at}. `starleth diagnose` asks which effect is missing."
 

@@ -20,6 +20,7 @@ from experiments.measurement.evidence.body_replay import (
 )
 from experiments.measurement.evidence.body_rows import around, hits, rows_sliding, rows_used
 from experiments.measurement.evidence.calm_log import calm_log
+from experiments.measurement.evidence.padding import padded
 from experiments.measurement.evidence.row_motion import RowMotion, row_motion
 from experiments.measurement.evidence.turns import next_devices
 from experiments.measurement.logs.log import Log
@@ -29,7 +30,7 @@ from mjx_starleth.numbers import RobotNumbers
 FELT_BY_BODIES = frozenset("body_parameters measurement measured_motion replay_timing joint_drag torso_force".split())
 FLOOR_DRAWS = 3
 FEWEST = 20  # rows of a channel that tell its size
-PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
+PAD = 800  # rows
 
 # What the best model of a real robot may still leave in each channel: below this nothing is called missing.
 MODEL_ERROR = {"force": 0.5, "torque": 0.05, "joint": 0.06, "gap": 5e-4, "friction": 0.04}
@@ -153,9 +154,8 @@ def _kept(rows: np.ndarray, sliding: np.ndarray, period: float) -> np.ndarray:
 
 def residual_rows(replay: BodyReplay, atoms: Atoms, log: BodyLog, xs: np.ndarray) -> np.ndarray:
     """Residuals on raw rows, and the feet's normal force and sliding speed: (H, T, 26 + 4 + 4)."""
-    rows, missing = len(log.q), -len(log.q) % PAD
-    padded = BodyLog(*(np.concatenate([table, np.repeat(table[-1:], missing, 0)]) for table in log))
-    places = [(device, jax.device_put(padded, device)) for device in next_devices(len(xs))]
+    rows, longer = len(log.q), padded(log, PAD)
+    places = [(device, jax.device_put(longer, device)) for device in next_devices(len(xs))]
     turns = zip(xs.astype(np.float32), itertools.cycle(places))
     found = [_one(replay, atoms, its_log, jax.device_put(x, device)) for x, (device, its_log) in turns]
     return np.stack([np.asarray(one)[:rows] for one in found])

@@ -13,11 +13,12 @@ from experiments.lanes import lanes
 from experiments.measurement.evidence.atoms import Atoms
 from experiments.measurement.evidence.drive_log import DriveLog
 from experiments.measurement.evidence.drive_replay import CHANNELS, DriveReplay, measured, true_motion
+from experiments.measurement.evidence.padding import padded
 from experiments.measurement.evidence.turns import next_devices
 from sea_jax import DriveParams, JointMotion, LoopPeriods
 
 LANES = 8  # sets of numbers per call of the one compiled replay: another might round otherwise
-PAD = 800  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
+PAD = 800  # rows
 SETTLE = 0.05  # s at the start of a log, in which the loops forget what was before it
 FLOOR_DRAWS = 3  # re-noised link motions from which the replay's own noise is estimated
 STUCK = 0.01  # rad/s of the gear below which dry friction may hold the motor
@@ -82,18 +83,18 @@ def drive_evidence(
 ) -> DriveEvidence:
     """Prepare a log's drives. `atoms` may hold effects that do not touch the drives; they change nothing here."""
     rows = len(log.joint_position)
-    padded = DriveLog(*(_pad(table) for table in log))
+    longer = padded(log, PAD)
     replay = DriveReplay(periods, atoms.active())
-    motion = true_motion(padded, period, noise)
+    motion = true_motion(longer, period, noise)
     sensors = np.array([noise[channel] for channel in CHANNELS])
-    clean = _nominal(replay, params, atoms, padded, motion)
+    clean = _nominal(replay, params, atoms, longer, motion)
     used = rows_that_count(log, period, noise["motor_position"])
-    renoised, spread = _renoised(padded, period, noise), np.zeros(clean.shape[1:])
+    renoised, spread = _renoised(longer, period, noise), np.zeros(clean.shape[1:])
     for motion_again in renoised:
-        again = _nominal(replay, params, atoms, padded, motion_again)
+        again = _nominal(replay, params, atoms, longer, motion_again)
         spread += ((again - clean)[:rows] ** 2 * used).sum(0) / np.maximum(used.sum(0), 1.0) / FLOOR_DRAWS
     floor = np.sqrt(sensors**2 + spread)
-    return DriveEvidence(atoms, replay, params, padded, motion, rows, period, measured(log), used, floor, renoised)
+    return DriveEvidence(atoms, replay, params, longer, motion, rows, period, measured(log), used, floor, renoised)
 
 
 def rows_that_count(log: DriveLog, period: float, noise: float) -> np.ndarray:
@@ -174,11 +175,6 @@ def _renoised(log: DriveLog, period: float, noise: Mapping[str, float]) -> tuple
         velocity = _noisy(rng, log.joint_velocity, noise["joint_velocity"])
         draws.append(true_motion(log._replace(joint_position=position, joint_velocity=velocity), period, noise))
     return tuple(draws)
-
-
-def _pad(table: np.ndarray) -> np.ndarray:
-    missing = -len(table) % PAD
-    return np.concatenate([table, np.repeat(table[-1:], missing, axis=0)])
 
 
 def _noisy(rng: np.random.Generator, table: np.ndarray, std: float) -> np.ndarray:

@@ -7,20 +7,21 @@ import numpy as np
 
 from experiments.measurement.evidence.atoms import Atoms
 from experiments.measurement.evidence.joint_replay import JointLog, JointReplay
+from experiments.measurement.evidence.padding import padded
 
 LANES = 16  # sets of numbers per call of the compiled replay
-PAD = 2000  # rows: logs are padded to a multiple, so that logs of like length share one compiled program
+PAD = 2000  # rows
 
 
 def residuals(replay: JointReplay, atoms: Atoms, log: JointLog, still: float, xs: np.ndarray) -> np.ndarray:
     """Unfiltered residual effort (H, T) for atom vectors xs (H, n), LANES at a time through one compiled program."""
     rows = len(log.effort)
-    padded = JointLog(*(np.concatenate([x, np.repeat(x[-1:], -rows % PAD)]) for x in log))
+    longer = padded(log, PAD)
     found = []
     for i in range(0, len(xs), LANES):
         part = xs[i : i + LANES]
         full = np.concatenate([part, np.repeat(part[-1:], LANES - len(part), 0)]).astype(np.float32)
-        found.append(np.asarray(_lanes(replay, atoms, padded, np.float32(still), full))[: len(part), :rows])
+        found.append(np.asarray(_lanes(replay, atoms, longer, np.float32(still), full))[: len(part), :rows])
     return np.concatenate(found)
 
 

@@ -10,6 +10,7 @@ from experiments.measurement.evidence.parts import Part
 from experiments.measurement.fits.fit_types import Refitted
 
 FLOOR = 1.15  # residual over noise up to which a channel counts as explained
+QUIET = 1.3 * FLOOR  # the same of the worst of many channels of a right model
 
 
 @dataclass(frozen=True)

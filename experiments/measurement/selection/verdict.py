@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Placed, Refitted
-from experiments.measurement.fits.misfit import FLOOR, above_floor, excess, misfit
+from experiments.measurement.fits.misfit import FLOOR, QUIET, above_floor, excess, misfit
 from experiments.measurement.selection.belief import halves, interval
 from experiments.measurement.selection.joint_form import imitated
 from experiments.measurement.selection.ladder import Selection
@@ -15,7 +15,6 @@ from experiments.measurement.selection.linear_score import best_of_each
 
 Verdict = Literal["explained", "partly_explained", "none", "unknown", "not_identifiable"]
 
-QUIET = 1.3 * FLOOR  # residual over noise of the worst channel where nothing is missing
 WHOLE = 1.5 * FLOOR  # residual over noise of the worst channel where effects explain a log: they have errors, too
 FOUND_SHARE = 0.7  # of the excess over the floor that the effects must take away to be believed
 LOUD, SHARE_OF_LOUD = 5.0 * QUIET, 0.05  # a rest so loud, and such a share of the misfit, has another law than these
