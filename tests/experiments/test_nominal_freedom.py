@@ -7,7 +7,14 @@ from experiments.effects import LIBRARY
 from experiments.measurement.evidence.features import changes_of
 from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fits.fit_variables import FARTHEST
-from experiments.measurement.fits.nominal import as_far_as_others, at_end, never_given, nominal_freedom, numbers_among
+from experiments.measurement.fits.nominal import (
+    as_far_as_others,
+    at_end,
+    inexact_among,
+    never_given,
+    nominal_freedom,
+    numbers_among,
+)
 from experiments.model import nominal_model
 
 NUMBERS = nominal_freedom(nominal_model(), tuple(LIBRARY.values()), standing=False)
@@ -87,3 +94,14 @@ def test_an_effect_may_be_a_number_if_it_is_as_small_at_a_place_where_such_numbe
         Placed("payload", "torso", {"mass": 0.5, "x": 0.1, "y": 0.0, "z": 0.0}),  # a number is a mass at the centre
     )
     assert numbers_among((inertia, *others), NUMBERS) == (inertia,)
+
+
+@pytest.mark.parametrize("where", ["all", "HFE", "LF_HFE"])
+def test_no_data_sheet_is_exact_to_a_per_cent(where: str) -> None:
+    soft = Placed("spring_stiffness", where, {"relative": -0.008})
+    others = (
+        soft._replace(parameters={"relative": -0.012}),
+        Placed("torque_sensor_gain", where, {"relative": 0.001}),  # of no number
+        Placed("payload", "torso", {"mass": 0.001, "x": 0.1, "y": 0.0, "z": 0.0}),
+    )
+    assert inexact_among((soft, *others), NUMBERS) == (soft,)

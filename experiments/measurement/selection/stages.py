@@ -8,6 +8,7 @@ from experiments.measurement.fits.misfit import above_floor, excess
 from experiments.measurement.fits.nominal import (
     as_far_as_others,
     at_end,
+    inexact_among,
     never_given,
     nominal_freedom,
     numbers_among,
@@ -58,7 +59,9 @@ def selected(
     strict = select(evidence, given, say, most, promising=promising, begun=strict.ladder[0])
     tiny = NEGLIGIBLE * excess(evidence, strict.ladder[0].fit)
     well = excess(evidence, strict.fit) <= max(WELL_EXPLAINED, tiny) and not leaves_more(evidence, strict)
-    if well and len(numbers_among(strict.fit.effects, freedom)) < SEVERAL:
+    effects = strict.fit.effects
+    no_effect = bool(effects) and len(inexact_among(effects, freedom)) == len(effects)
+    if well and not no_effect and len(numbers_among(effects, freedom)) < SEVERAL:
         return evidence, strict
     told = _where_told(evidence, strict, lambda logs: select(logs, given, say, most, promising=promising))
     if told is not None:
