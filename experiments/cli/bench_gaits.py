@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from experiments.cli.options import DevicesOption, ModelOption, available_cores, start_jax, whole_loops
+from experiments.cli.options import DevicesOption, ModelOption, SeedOption, available_cores, start_jax, whole_loops
 
 HELP = """How long do the gaits keep going, and what throws them over?
 
@@ -21,6 +21,7 @@ gaits.json and report.html in the output folder.
     starleth bench gaits runs/my_trot --task my_trot.json  tuned with your own task file
     starleth bench gaits --sweep-trials 0 --no-mujoco-c    only the unseen trials
 """
+UNSEEN = 20_000  # no search has seen this seed: searches use the task's own and the stream of its judge
 
 
 def gaits(
@@ -32,6 +33,7 @@ def gaits(
     sweep_trials: Annotated[
         int, typer.Option(min=0, max=10_000, help="Trials at each size of each disturbance; 0: none.")
     ] = 16,
+    seed: SeedOption = UNSEEN,
     mujoco_c: Annotated[bool, typer.Option(help="Replay each gait in MuJoCo C.")] = True,
     model: ModelOption = None,
     task: Annotated[str | None, typer.Option(help="Your own task file, if they were tuned with one.")] = None,
@@ -50,7 +52,7 @@ def gaits(
     from experiments.run_folder import make_answer_folder
 
     robot = load_model(model)
-    plan = Plan(find_motions(names or (), robot, task), trials, cycles, sweep_trials, mujoco_c)
+    plan = Plan(find_motions(names or (), robot, task), trials, cycles, sweep_trials, mujoco_c, seed)
     make_answer_folder(folder)
     refuse_unwritable(folder / "gaits.json")
     results = []
@@ -58,6 +60,7 @@ def gaits(
         results.append(result)
         print(json.dumps(result.figures), flush=True)
         write_json(folder / "gaits.json", [r.figures for r in results])
-    given = {"--trials": trials, "--cycles": cycles, "--sweep-trials": sweep_trials, "--no-mujoco-c": not mujoco_c}
-    line = command_line(("bench", "gaits", *(names or ())), given | {"--model": model, "--task": task})
+    given = {"--trials": trials, "--cycles": cycles, "--sweep-trials": sweep_trials, "--seed": seed}
+    given |= {"--no-mujoco-c": not mujoco_c, "--model": model, "--task": task}
+    line = command_line(("bench", "gaits", *(names or ())), given)
     write_gait_benchmark_report(folder / "report.html", results, robot.numbers, line)

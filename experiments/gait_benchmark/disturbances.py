@@ -13,7 +13,6 @@ from experiments.tasks.definition import TaskDefinition
 from experiments.tasks.gait_parameters import GaitSettings
 from experiments.trial import DISTURBANCES
 
-UNSEEN: Final = 20_000  # seed of trials that no search has seen: searches use the task's seed and their judge's stream
 MEETING: Final = 3.0  # s, when a push sets in: the gait goes on for one second then
 AFTER: Final = 5.0  # s in which a gait may still fall over what it met
 BOARD_START, BOARD_SPREAD, BOARD_LENGTH, BOARD_WIDTH = 0.5, 0.3, 0.3, 0.3  # m
@@ -43,10 +42,10 @@ EXTRA: Final = ("obstacle_length", "obstacle_width")
 CALM: Final = ("push_x", "push_y", "slope_x", "slope_y", "obstacle_height", "ground_friction")
 
 
-def drawn(definition: TaskDefinition, model: Model, trials: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def drawn(definition: TaskDefinition, model: Model, trials: int, seed: int) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """The task's own perturbations: numbers by name and the starts of their noise, (trials,) each."""
     law = parse_perturbations(definition.perturbations, definition.task, model)
-    numbers, noise = law.columns(jax.random.key(UNSEEN), trials)
+    numbers, noise = law.columns(jax.random.key(seed), trials)
     return numbers | {name: np.full(trials, DISTURBANCES[name].nominal, np.float32) for name in EXTRA}, noise
 
 
@@ -58,14 +57,20 @@ def nominal(definition: TaskDefinition, model: Model) -> tuple[dict[str, np.ndar
 
 
 def swept(
-    sweep: Sweep, definition: TaskDefinition, model: Model, settings: GaitSettings, stride: float, trials: int
+    sweep: Sweep,
+    definition: TaskDefinition,
+    model: Model,
+    settings: GaitSettings,
+    stride: float,
+    trials: int,
+    seed: int,
 ) -> Cases:
     """All levels of one disturbance (levels * trials,), the trials running fastest.
 
     Masses, springs, friction of the gears and sensor noise are the task's own draws; the trials spread over the
     stride, both sides, and all directions of the slope.
     """
-    numbers, noise = drawn(definition, model, trials)
+    numbers, noise = drawn(definition, model, trials, seed)
     calm = nominal_columns(CALM, model)
     numbers |= {name: np.full(trials, value, np.float32) for name, value in calm.items()}
     levels = np.repeat(np.float32(sweep.levels), trials)

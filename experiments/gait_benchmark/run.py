@@ -28,6 +28,7 @@ class Plan(NamedTuple):
     cycles: int
     sweep_trials: int  # at each size of each disturbance
     mujoco_c: bool
+    seed: int  # of the trials
 
 
 class GaitResult(NamedTuple):
@@ -72,12 +73,16 @@ def _one(plan: Plan, motion: Motion, model: Model, trials: GaitTrials, say: Call
     # a gait's speed wanders from stride to stride: two engines are compared over as many of them as the trials have
     undisturbed = definition.model_copy(update={"duration": max(duration, definition.duration)})
     guess_stride = definition.space().named(guess)["cycle_duration"]
-    draws = drawn(definition, model, plan.trials)
+    draws = drawn(definition, model, plan.trials, plan.seed)
     parts = [
         cases(found, *draws, duration),
         cases(first, *draws, start + plan.cycles * guess_stride),
         cases(found, *nominal(definition, model), undisturbed.duration),
-        *(swept(sweep, definition, model, found, stride, plan.sweep_trials) for sweep in SWEEPS if plan.sweep_trials),
+        *(
+            swept(sweep, definition, model, found, stride, plan.sweep_trials, plan.seed)
+            for sweep in SWEEPS
+            if plan.sweep_trials
+        ),
     ]
     outcomes = _split(trials.run(joined(parts)), [len(part) for part in parts])
     unseen, guessed, alone = outcomes[:3]
@@ -85,6 +90,7 @@ def _one(plan: Plan, motion: Motion, model: Model, trials: GaitTrials, say: Call
         "gait": definition.task,
         "stride": round(float(stride), 4),
         "cycles": plan.cycles,
+        "seed": plan.seed,
         "trials": plan.trials,
         "survived": int(unseen.survived.sum()),
         "survived_interval": _interval(unseen.survived),

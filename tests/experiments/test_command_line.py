@@ -102,9 +102,9 @@ def test_the_gaits_report_tells_all_that_repeats_it(app: typer.Typer, tmp_path, 
         monkeypatch.setattr(bench_gaits, name, lambda *_: None)
     monkeypatch.setattr(run, "measure", lambda *_: [])
     monkeypatch.setattr(gait_benchmark, "write_gait_benchmark_report", lambda *arguments: lines.append(arguments[-1]))
-    words = ["bench", "gaits", "pronk", "--sweep-trials", "0", "--no-mujoco-c", "--model", "my model.json"]
-    CliRunner().invoke(app, words, catch_exceptions=False)
-    counts = "--trials 100 --cycles 20 --sweep-trials 0 --no-mujoco-c"
+    words = "bench gaits pronk --sweep-trials 0 --seed 7 --no-mujoco-c --model".split()
+    CliRunner().invoke(app, [*words, "my model.json"], catch_exceptions=False)
+    counts = "--trials 100 --cycles 20 --sweep-trials 0 --seed 7 --no-mujoco-c"
     assert lines == [f"starleth bench gaits pronk {counts} --model 'my model.json'"]
 
 

@@ -23,13 +23,13 @@ def stages(
     finds: tuple[int, float] | None = None,
     effects: int = 1,
     kept: float | None = None,
-    inexact: tuple = (),
+    inexact: bool = False,
 ) -> list[tuple[int, float]]:
     """Effects sought at most, and the excess they are sought down to, stage by stage; none explains anything.
 
     told: the logs without rows that noise decides; left: the share of the misfit that their effects leave; finds: the
     stage that finds an effect; effects: how many those with the nominal numbers find; kept: the excess that some of
-    them leave where the others are taken as numbers; inexact: those that are no larger than numbers are exact.
+    them leave where the others are taken as numbers; inexact: whether effects are no larger than numbers are exact.
     """
     calls = []
 
@@ -41,7 +41,7 @@ def stages(
 
     stubs = {"select": select, "refit": lambda *_: None, "as_far_as_others": lambda freedom, _: freedom}
     stubs |= {"at_end": lambda *_: (), "nominal_freedom": lambda *_: (), "never_given": lambda *_: ()}
-    stubs |= {"numbers_among": lambda found, _: tuple(found), "inexact_among": lambda *_: inexact}
+    stubs |= {"numbers_among": lambda found, _: tuple(found), "all_inexact": lambda *_: inexact}
     stubs |= {
         "above_floor": lambda *_: above,
         "leaves_more": lambda *_: above > LEAST_GAIN,
@@ -78,7 +78,7 @@ def test_where_several_of_the_effects_may_be_numbers_those_are_freed_however_wel
 
 def test_an_effect_that_is_smaller_than_data_sheets_are_exact_has_to_stand_beside_free_numbers(monkeypatch) -> None:
     """Springs half a per cent soft: a robot whose numbers were 1 to 3 % off was told so (seed 20000, number 4)."""
-    free = stages(monkeypatch, 1.5 * WELL_EXPLAINED, 0.5 * LEAST_GAIN, inexact=("spring_stiffness",))
+    free = stages(monkeypatch, 1.5 * WELL_EXPLAINED, 0.5 * LEAST_GAIN, inexact=True)
     assert free == [(0, NOISE), (6, NOISE), (0, NOISE), (6, WELL_EXPLAINED)]
 
 

@@ -19,7 +19,7 @@ from experiments.parameter_file import checksum
 from experiments.tasks.definition import load_task
 
 MODEL = nominal_model()
-TRIALS, STRIDE = 8, 0.8
+TRIALS, STRIDE, SEED = 8, 0.8, 20_000
 
 
 @pytest.fixture(scope="module")
@@ -28,18 +28,28 @@ def sweeps():
     definition = load_task("walking_trot")
     settings = gait_settings(definition, MODEL, definition.space().initial)
     shape = lambda x: x.reshape(-1, TRIALS, *x.shape[1:])  # noqa: E731
-    found = {s.name: swept(s, definition, MODEL, settings, STRIDE, TRIALS) for s in SWEEPS}
+    found = {s.name: swept(s, definition, MODEL, settings, STRIDE, TRIALS, SEED) for s in SWEEPS}
     return settings, found, {name: jax.tree.map(shape, case) for name, case in found.items()}
 
 
 def test_all_parts_of_the_benchmark_fit_into_one_program(sweeps) -> None:
     settings, found, _ = sweeps
     definition = load_task("walking_trot")
-    parts = [*found.values(), cases(settings, *drawn(definition, MODEL, 3), 5.0)]
+    parts = [*found.values(), cases(settings, *drawn(definition, MODEL, 3, SEED), 5.0)]
     parts.append(cases(settings, *nominal(definition, MODEL), 5.0))
     whole = joined(parts)
     assert len(whole) == sum(map(len, parts))
     assert all(len(leaf) == len(whole) for leaf in jax.tree.leaves(whole))
+
+
+def test_a_seed_draws_its_own_trials_and_the_same_again(sweeps) -> None:
+    definition = load_task("walking_trot")
+    first, again, other = (drawn(definition, MODEL, TRIALS, seed) for seed in (SEED, SEED, SEED + 1))
+    np.testing.assert_array_equal(first[0]["push_x"], again[0]["push_x"])
+    np.testing.assert_array_equal(first[1], again[1])
+    assert not np.isin(other[0]["push_x"], first[0]["push_x"]).any() and not np.isin(other[1], first[1]).all()
+    mine = sweeps[1]["push"].numbers["torso_mass"][:TRIALS]
+    np.testing.assert_array_equal(mine, first[0]["torso_mass"])
 
 
 def test_pushes_come_from_both_sides_and_all_over_the_stride(sweeps) -> None:

@@ -30,7 +30,7 @@ from mjx_starleth.numbers import RobotNumbers
 FELT_BY_BODIES = frozenset("body_parameters measurement measured_motion replay_timing joint_drag torso_force".split())
 FLOOR_DRAWS = 3
 FEWEST = 20  # rows of a channel that tell its size
-PAD = 800  # rows
+PAD = 800  # rows, of which logs are made a multiple
 
 # What the best model of a real robot may still leave in each channel: below this nothing is called missing.
 MODEL_ERROR = {"force": 0.5, "torque": 0.05, "joint": 0.06, "gap": 5e-4, "friction": 0.04}

@@ -18,7 +18,7 @@ from experiments.measurement.evidence.turns import next_devices
 from sea_jax import DriveParams, JointMotion, LoopPeriods
 
 LANES = 8  # sets of numbers per call of the one compiled replay: another might round otherwise
-PAD = 800  # rows
+PAD = 800  # rows, of which logs are made a multiple
 SETTLE = 0.05  # s at the start of a log, in which the loops forget what was before it
 FLOOR_DRAWS = 3  # re-noised link motions from which the replay's own noise is estimated
 STUCK = 0.01  # rad/s of the gear below which dry friction may hold the motor

@@ -10,7 +10,7 @@ from experiments.measurement.evidence.joint_replay import JointLog, JointReplay
 from experiments.measurement.evidence.padding import padded
 
 LANES = 16  # sets of numbers per call of the compiled replay
-PAD = 2000  # rows
+PAD = 2000  # rows, of which logs are made a multiple
 
 
 def residuals(replay: JointReplay, atoms: Atoms, log: JointLog, still: float, xs: np.ndarray) -> np.ndarray:

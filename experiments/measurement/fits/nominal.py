@@ -1,6 +1,5 @@
 """What may be a little off without being a missing effect: the robot's nominal numbers, and the timing of its loops."""
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 
@@ -20,7 +19,7 @@ HALF_STEP = 5e-5  # s, of the motor: by which the steps of two plants may differ
 AT_END = 0.99  # of its farthest, from which a number has nowhere to go
 KNOWN = 0.3  # of its prior's deviation, to which a log has to tell a number for it to tell of the others
 NOT_GIVEN = frozenset({LOOP_TIMING.name, BEARING_FRICTION.name})  # no data sheet tells them, none can be off
-EXACT = 0.15  # of a number's prior deviation (1 % of most), to which no data sheet is exact
+EXACT = 0.15  # of a number's prior deviation (1 % of most): no data sheet is more exact
 SPARE = 2.0  # times what the robot's other numbers are off by, that one may be
 
 
@@ -70,16 +69,12 @@ def numbers_among(effects: Sequence[Placed], nominal: Sequence[Nominal]) -> tupl
     )
 
 
-def inexact_among(effects: Sequence[Placed], nominal: Sequence[Nominal]) -> tuple[Placed, ...]:
-    """Effects, anywhere, that are no larger than what a number of their kind may be wrong by on any data sheet."""
-    exact: dict[tuple[str, str], float] = {}
-    for n in nominal:
-        exact[n.effect, n.parameter] = min(EXACT * n.deviation, exact.get((n.effect, n.parameter), math.inf))
-    return tuple(
-        p
-        for p in effects
-        if all(abs(value) <= exact.get((p.effect, name), 0.0) for name, value in p.parameters.items())
-    )
+def all_inexact(effects: Sequence[Placed], nominal: Sequence[Nominal]) -> bool:
+    """Whether all effects, wherever they act, are numbers no farther off than data sheets are exact; False of none."""
+    least_last = sorted(nominal, key=lambda n: -n.deviation)  # kinds of joints differ
+    exact = {(n.effect, n.parameter): EXACT * n.deviation for n in least_last}
+    values = [(p.effect, name, value) for p in effects for name, value in p.parameters.items()]
+    return bool(values) and all(abs(value) <= exact.get((effect, name), 0.0) for effect, name, value in values)
 
 
 def nominal_freedom(model: Model, effects: Sequence[Effect], standing: bool) -> tuple[Nominal, ...]:

@@ -6,9 +6,9 @@ from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Nominal, Refitted
 from experiments.measurement.fits.misfit import above_floor, excess
 from experiments.measurement.fits.nominal import (
+    all_inexact,
     as_far_as_others,
     at_end,
-    inexact_among,
     never_given,
     nominal_freedom,
     numbers_among,
@@ -59,9 +59,8 @@ def selected(
     strict = select(evidence, given, say, most, promising=promising, begun=strict.ladder[0])
     tiny = NEGLIGIBLE * excess(evidence, strict.ladder[0].fit)
     well = excess(evidence, strict.fit) <= max(WELL_EXPLAINED, tiny) and not leaves_more(evidence, strict)
-    effects = strict.fit.effects
-    no_effect = bool(effects) and len(inexact_among(effects, freedom)) == len(effects)
-    if well and not no_effect and len(numbers_among(effects, freedom)) < SEVERAL:
+    numbers_off = len(numbers_among(strict.fit.effects, freedom)) >= SEVERAL or all_inexact(strict.fit.effects, freedom)
+    if well and not numbers_off:
         return evidence, strict
     told = _where_told(evidence, strict, lambda logs: select(logs, given, say, most, promising=promising))
     if told is not None:
