@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -87,23 +88,50 @@ class DrivesOfLog:
             index = np.array([*(start[k] + j for k in felt), shift0 + j, gram.shape[1] - 1])
             add_products(gram, columns[:, :, j], index, self.part.block)
 
+    def add_local(self, gram: Array, at: Point, directions: Array, last: int) -> None:
+        """Add the inner products of the columns of `local_part` to gram (blocks, c, c); most are zero."""
+        near = self._near(at, directions)
+        for j in range(near.moves.shape[1]):  # a drive knows nothing of the others
+            mine = np.flatnonzero(near.moves[:, j])
+            columns = np.stack([*(near.of_direction[i][:, j] for i in mine), near.of_shift[:, j], near.residual[:, j]])
+            add_products(gram, columns, np.array([*mine, len(directions) + j, last]), self.part.block)
+
     def local_part(self, at: Point, directions: Array, last: int) -> LocalPart:
         """Columns (c, T, J, 3) of directions (k, n) and of the shifts; last: place of the residual."""
-        k, joints = len(directions), len(self.atoms.joint_names)
-        here = [self.atoms.joints_moved(d, FELT_BY_DRIVES) for d in directions]
-        groups = apart(here)
-        merged = [at._replace(x=at.x + directions[group].sum(0)) for group in groups]
-        r = self.residual([at, *merged, at._replace(shift=at.shift + SHIFT_STEP)])
-        of_group = {i: r[1 + g] - r[0] for g, group in enumerate(groups) for i in group}
-        moved = [of_group[i] * here[i][None, :, None] for i in range(k)]
-        shift = (r[-1] - r[0]) * (SHIFT_PRIOR / SHIFT_STEP)
-        own = np.eye(joints)[:, None, :, None] * shift[None]
-        columns = np.concatenate([*(m[None] for m in moved), own, r[:1]])
+        near, k = self._near(at, directions), len(directions)
+        joints = near.moves.shape[1]
+        columns = np.zeros((k + joints + 1, *near.residual.shape))
+        for column, moved, here in zip(columns[:k], near.of_direction, near.moves, strict=True):
+            column[:, here] = moved[:, here]
+        for j, column in enumerate(columns[k:-1]):
+            column[:, j] = near.of_shift[:, j]
+        columns[-1] = near.residual
         return LocalPart(columns, np.r_[0 : k + joints, last], self.part.block)
 
+    def _near(self, at: Point, directions: Array) -> "_Near":
+        """The replays that local products of directions (k, n) need."""
+        moves = np.array([self.atoms.joints_moved(d, FELT_BY_DRIVES) for d in directions], bool)
+        moves = moves.reshape(len(directions), len(self.atoms.joint_names))
+        groups = apart(moves)
+        merged = [at._replace(x=at.x + directions[group].sum(0)) for group in groups]
+        r = self.residual([at, *merged, at._replace(shift=at.shift + SHIFT_STEP)])
+        of_group = r[1:-1] - r[:1]
+        member = {i: g for g, group in enumerate(groups) for i in group}
+        of_direction = [of_group[member[i]] for i in range(len(directions))]
+        return _Near(moves, of_direction, (r[-1] - r[0]) * (SHIFT_PRIOR / SHIFT_STEP), r[0])
 
-def apart(joints: list[Array]) -> list[list[int]]:
-    """Groups of directions that move no joint twice, by the joints (J,) that each moves.
+
+class _Near(NamedTuple):
+    """Replays near a point: what each direction changes at the joints that it moves, and what the shifts do."""
+
+    moves: Array  # (k, J) bool
+    of_direction: list[Array]  # k times (T, J, 3); at other joints it is what another direction changes
+    of_shift: Array  # (T, J, 3)
+    residual: Array  # (T, J, 3)
+
+
+def apart(joints: Array) -> list[list[int]]:
+    """Groups of directions that move no joint twice, by the joints (k, J) that each moves.
 
     A drive knows nothing of the others (but through a sagging supply): one replay serves a whole group.
     """

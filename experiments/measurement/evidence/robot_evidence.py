@@ -145,21 +145,29 @@ class RobotEvidence:
 
     def local(self, at: Point, directions: Array) -> Array:
         """Gram matrices (blocks, c, c) of a few directions (k, n) at a point: directions, shifts, offsets, residual."""
-        width = len(directions) + len(self.coefficients(at)) + 1
-        gram = np.zeros((self.blocks, width, width))
-        for part in self.local_parts(at, directions):
+        offset0, last = self._places(at, directions)
+        gram = np.zeros((self.blocks, last + 1, last + 1))
+        if self._drives is not None:
+            self._drives.add_local(gram, at, directions, last)
+        if self._bodies is not None:
+            part = self._bodies.local_part(at, directions, offset0, last)
             add_products(gram, part.columns, part.index, part.block)
         return gram
 
     def local_parts(self, at: Point, directions: Array) -> list[LocalPart]:
         """The same before products are taken: the columns of the drives, (c, T, J, 3), and the bodies', (c, N, C)."""
-        offset0, last = len(directions) + len(at.shift), len(directions) + len(at.shift) + len(at.offset)
+        offset0, last = self._places(at, directions)
         parts = []
         if self._drives is not None:
             parts.append(self._drives.local_part(at, directions, last))
         if self._bodies is not None:
             parts.append(self._bodies.local_part(at, directions, offset0, last))
         return parts
+
+    def _places(self, at: Point, directions: Array) -> tuple[int, int]:
+        """Places of the first offset and of the residual, after the directions and the shifts."""
+        offset0 = len(directions) + len(at.shift)
+        return offset0, offset0 + len(at.offset)
 
     def nuisances(self, z: Array) -> tuple[Array, Array]:
         """Coefficients of a gram's nuisance columns as changes of shifts (J,) and offsets (C,)."""
