@@ -67,6 +67,10 @@ class Problem:
             found += (log.chi2(mine) * self.masks[i]).sum(1) + [(log.coefficients(p) ** 2).sum() for p in mine]
         return found
 
+    def above_noise(self, cost: float) -> float:
+        """What a cost is more than noise alone would leave."""
+        return cost - sum(float(log.weight()[mask].sum()) for log, mask in zip(self.logs, self.masks, strict=True))
+
     def normal(self, v: np.ndarray, points: Sequence[Point]) -> Normal:
         unit = self.unit(v)
         hessian, gradient = np.diag(1.0 / self.prior**2), v / self.prior**2

@@ -18,6 +18,8 @@ from experiments.measurement.fits.fit_variables import added, first_value, varia
 ITERATIONS = 8
 SHORT_FIT = 4  # iterations that are enough near a fit
 ENOUGH = 2.0  # fall of chi^2 below which the fit has ended: a parameter is then within its interval
+NEARLY = 1e-3  # of what a fit leaves above the noise: where that is much, falls that decide nothing end it, too
+LEAST_DAMPING, STIFFER = 1e-2, 100.0  # of a step after one that did not bring chi^2 down
 STEP_LENGTHS = (1.0, 0.4, 0.1)
 STARTS = (1.0, 0.7, 0.4, 0.2)  # of the strength that a linear score gives an effect, which may overshoot
 PLAUSIBLE = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0)  # of a parameter's start
@@ -104,27 +106,29 @@ def _solve(
     logs = problem.logs
     v = problem.start(effects, nominal, start)
     points = problem.points(v, start.points if start else [log.start() for log in logs])
-    damping, best = 1e-6, problem.cost([v], [points])[0]
+    damping, best, normal = 1e-6, problem.cost([v], [points])[0], None
     for _ in range(iterations):
-        normal = problem.normal(v, points)
+        normal = problem.normal(v, points) if normal is None else normal
         if not np.isfinite(normal.hessian).all():
-            return _blown_up(problem, effects, nominal, v, points)
+            break
         tried = [problem.moved(v, length * problem.step(v, normal, damping)) for length in STEP_LENGTHS]
         tried.append(v)  # only the log's own nuisances move
         found = [problem.follow(c, v, points, normal) for c in tried]
         costs = np.nan_to_num(problem.cost(tried, found), nan=np.inf)  # a step too far may blow the replay up
         i = int(np.argmin(costs))
+        if costs[i] >= best:
+            damping = max(STIFFER * damping, LEAST_DAMPING)
+            continue
         fallen, best = best - costs[i], costs[i]
         v, points = tried[i], found[i]
         damping = damping * 10 if i >= 2 else damping / 3
-        if fallen < ENOUGH and i < len(STEP_LENGTHS):
+        if fallen < max(ENOUGH, NEARLY * problem.above_noise(best)) and i < len(STEP_LENGTHS):
             break
-    covariance = np.zeros((0, 0))
-    if len(v):
-        normal = problem.normal(v, points)
-        if not np.isfinite(normal.hessian).all():
-            return _blown_up(problem, effects, nominal, v, points)
-        covariance = _covariance(normal)
+        normal = None
+    normal = problem.normal(v, points) if normal is None else normal
+    if not np.isfinite(normal.hessian).all():
+        return _blown_up(problem, effects, nominal, v, points)
+    covariance = _covariance(normal) if len(v) else np.zeros((0, 0))
     chi2 = tuple(log.chi2([p])[0] + log.constant_errors(p).sum(1) for log, p in zip(logs, points, strict=True))
     return _result(effects, problem.variables, nominal, v, covariance, tuple(points), chi2)
 
