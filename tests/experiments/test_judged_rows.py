@@ -1,5 +1,6 @@
 """Rows that only noise decides: which they are, when they are left out, and what is found without them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -13,6 +14,7 @@ from experiments.measurement.diagnose import diagnose
 from experiments.measurement.evidence import untold as untold_module
 from experiments.measurement.evidence.atoms import Atoms
 from experiments.measurement.evidence.log_evidence import Point
+from experiments.measurement.evidence.robot_evidence import RobotEvidence
 from experiments.measurement.evidence.untold import untold, without_untold
 from experiments.measurement.fits.fit_types import Refitted
 from experiments.measurement.intake import read_checked
@@ -27,21 +29,40 @@ POINT = Point(np.zeros(1), np.zeros(JOINTS), np.zeros(0))
 FITS = ["chosen", "tried"]
 
 
-def test_a_row_is_untold_where_noise_moves_its_prediction_far_and_so_are_its_neighbours() -> None:
-    clean, floor = np.zeros((ROWS, JOINTS, 3)), np.full((JOINTS, 3), 0.05)
-    moved = clean.copy()
-    moved[40, 1, 2], moved[60, 1, 2], moved[80, 0, 2] = 20.0, -0.75, 0.3  # 400 floors, 15, and 6
-    drive = SimpleNamespace(
-        predict=lambda xs, shifts: clean[None],
-        play=lambda log, motion, xs, shifts: (moved if motion == "noisier" else clean)[None],
+def drive_of(predict: Callable[[np.ndarray], np.ndarray], noisier: np.ndarray | None = None) -> SimpleNamespace:
+    """Drives of a strength and a shape, with the prediction that more noise on the links makes."""
+    return SimpleNamespace(
+        atoms=SimpleNamespace(strengths=lambda: np.array([True, False])[: 2 if noisier is None else 1]),
+        predict=lambda xs, shifts: predict(xs),
+        play=lambda log, motion, xs, shifts: predict(xs) if motion == "as noisy" or noisier is None else noisier[None],
         renoised=("as noisy", "noisier"),
         log=None,
         rows=ROWS,
-        floor=floor,
+        floor=np.full((JOINTS, 3), 0.05),
     )
+
+
+def test_a_row_is_untold_where_noise_moves_its_prediction_far_and_so_are_its_neighbours() -> None:
+    moved = np.zeros((ROWS, JOINTS, 3))
+    moved[40, 1, 2], moved[60, 1, 2], moved[80, 0, 2] = 20.0, -0.75, 0.3  # 400 floors, 15, and 6
+    drive = drive_of(lambda xs: np.zeros((len(xs), ROWS, JOINTS, 3)), moved)
     rows, joints, channels = np.nonzero(untold(drive, POINT.x, POINT.shift))
     assert rows.tolist() == [38, 39, 40, 41, 42, 58, 59, 60, 61, 62]
     assert set(joints) == {1} and set(channels) == {2}
+
+
+def test_a_row_is_untold_where_a_hundredth_of_an_effect_moves_it_far_to_one_side() -> None:
+    strength, shape = 5.0, 3.0
+
+    def predict(xs: np.ndarray) -> np.ndarray:
+        found = np.zeros((len(xs), ROWS, JOINTS, 3))
+        found[:, :, 0, 0] = 100.0 * xs[:, :1]  # far, to both sides alike
+        found[:, 70, 1, 2] = 3.0 * (xs[:, 0] > strength)
+        found[:, 30, 1, 2] = 3.0 * (xs[:, 1] != shape)
+        return found
+
+    rows, joints, channels = np.nonzero(untold(drive_of(predict), np.array([strength, shape]), POINT.shift))
+    assert rows.tolist() == [68, 69, 70, 71, 72] and set(joints) == {1} and set(channels) == {2}
 
 
 @dataclass(frozen=True)
@@ -49,15 +70,14 @@ class Told:
     used: np.ndarray
 
 
-@dataclass(frozen=True)
-class Robot:
-    drive: Told
+def robot(used: np.ndarray) -> RobotEvidence:
+    return RobotEvidence("log", None, Told(used), None, 1, 0.0025, None)
 
 
 def test_what_is_told_stays_and_what_was_never_logged_stays_out(monkeypatch: pytest.MonkeyPatch) -> None:
     thrown, used = np.zeros((ROWS, JOINTS, 3), bool), np.ones((ROWS, JOINTS, 3))
     used[:, 0, 2] = 0.0
-    log = Robot(Told(used))
+    log = robot(used)
     monkeypatch.setattr(untold_module, "untold", lambda *_: thrown)
     assert without_untold(log, POINT) is log
     thrown[40:43] = True
@@ -82,13 +102,17 @@ def test_rows_are_left_out_if_they_hold_most_of_what_the_best_fit_leaves_and_noi
     monkeypatch: pytest.MonkeyPatch, moves: bool, told: bool
 ) -> None:
     few, calm = np.ones(ROWS), np.ones(ROWS)
-    few[50] = 300.0
+    few[50:52] = 300.0
     log, without = log_of({"chosen": np.full(ROWS, 20.0), "tried": few}), log_of({"tried": calm})
+    aside = []
+    log.without = lambda rows: aside.append(rows) or without
     monkeypatch.setattr(module, "without_untold", lambda log, point: without if moves else log)
+    monkeypatch.setattr(module, "refit", lambda logs, effects, nominal, start: start if logs == [without] else None)
     tried = Finalist(None, fit("tried"), 0.0)
-    selection = SimpleNamespace(fit=fit("chosen"), refitted=[[tried]])
+    selection = SimpleNamespace(fit=fit("chosen"), refitted=[[tried]], nominal=())
     found = judged_rows([log], selection)
     assert (found is not None) == told
+    assert np.flatnonzero(aside[0]).tolist() == [48, 49, 50, 51, 52, 53]  # its worst rows
     if told:
         assert found == (without,)
 

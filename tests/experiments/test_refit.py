@@ -34,6 +34,9 @@ class Formula:
     def chi2(self, points: list[Point]) -> np.ndarray:
         return np.array([[self.residual(p.x) ** 2] * BLOCKS for p in points])
 
+    def weight(self) -> np.ndarray:
+        return np.ones(self.blocks)
+
     def local(self, at: Point, directions: np.ndarray) -> np.ndarray:
         here = self.residual(at.x)
         row = np.array([*(self.residual(at.x + d) - here for d in directions), 0.0, here])  # one shift, without effect
@@ -80,6 +83,49 @@ def test_a_number_that_an_effect_stands_for_stays_nominal() -> None:
     assert abs(found.nominal[0]) < 1e-3 and found.effects[0].parameters["cubic"] == pytest.approx(HIDDEN, abs=1e-3)
 
 
+class Bent(Formula):
+    """The residual turns round: a linear step from afar goes far beyond."""
+
+    def residual(self, x: np.ndarray) -> float:
+        return 10.0 * np.arctan(x[0] - HIDDEN)
+
+
+def test_a_step_that_goes_too_far_is_damped_until_it_goes_down() -> None:
+    found = refit([Bent(np.inf)], [Placed("spring_stiffening", "axis", {"cubic": 90.0})], ())
+    assert found.effects[0].parameters["cubic"] == pytest.approx(HIDDEN, abs=2.0)
+
+
+class Counted(Formula):
+    """Counts its local products; beside the residual stands a rest that nothing explains."""
+
+    def __init__(self, rest: float):
+        super().__init__(np.inf)
+        self.rest, self.asked = rest, 0
+
+    def residual(self, x: np.ndarray) -> float:
+        return 10.0 * np.arctan(0.05 * (x[0] - HIDDEN))
+
+    def chi2(self, points: list[Point]) -> np.ndarray:
+        return super().chi2(points) + self.rest
+
+    def local(self, at: Point, directions: np.ndarray) -> np.ndarray:
+        self.asked += 1
+        return super().local(at, directions)
+
+
+def test_a_fit_ends_sooner_where_what_it_could_gain_is_next_to_nothing_of_what_it_leaves() -> None:
+    small, large = Counted(rest=0.0), Counted(rest=1e7)
+    for log in (small, large):
+        refit([log], [Placed("spring_stiffening", "axis", {"cubic": 55.0})], ())
+    assert small.asked > 2 and large.asked == 1
+
+
+def test_a_fit_that_stands_where_it_should_asks_once() -> None:
+    log = Counted(rest=0.0)
+    found = refit([log], [Placed("spring_stiffening", "axis", {"cubic": HIDDEN})], ())
+    assert log.asked == 1 and found.covariance[0, 0] > 0
+
+
 class Pushed:
     """Stands for the bodies of a log: one channel with the same residual on all rows, which should be off by half."""
 
@@ -115,6 +161,9 @@ class Linear(Formula):
 
     def start(self) -> Point:
         return Point(np.zeros(len(self.names)), np.zeros(1), np.zeros(0))
+
+    def weight(self) -> np.ndarray:
+        return np.full(self.blocks, float(self.rows))
 
     def rows_at(self, x: np.ndarray) -> np.ndarray:
         return self.features @ (x - HIDDEN * (np.arange(len(x)) == 0)) + self.noise

@@ -76,6 +76,10 @@ class Atoms:
         """(n,) True for the atoms of effects that act on any of these hooks."""
         return np.concatenate([np.full(c.size, bool(hooks & set(c.effect.equations))) for c in self.columns])
 
+    def strengths(self) -> np.ndarray:
+        """(n,) True for strengths, False for shape parameters."""
+        return np.concatenate([np.full(c.size, c.parameter.role == "strength") for c in self.columns])
+
     def joints_moved(self, direction: np.ndarray, hooks: frozenset[str]) -> np.ndarray:
         """(joints,) True where a change of x acts on any of these hooks; effects that have no joint act on all."""
         moved = np.zeros(len(self.joint_names), bool)

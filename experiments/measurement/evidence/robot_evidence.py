@@ -1,6 +1,6 @@
 """What a log of series-elastic drives says, and of the bodies that they move: the robot, or one joint on a bench."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -95,6 +95,10 @@ class RobotEvidence:
         """Where every fit begins: the model's own effects, nothing else off."""
         channels = 0 if self.body is None else len(self.body.channels)
         return Point(self.model_x, np.zeros(len(self.atoms.joint_names)), np.zeros(channels))
+
+    def without(self, rows: Array) -> "RobotEvidence":
+        """The same log, the drives not judged on these rows (rows, 1 or J, 1 or 3)."""
+        return replace(self, drive=replace(self.drive, used=self.drive.used * ~rows))
 
     def seeds_at(self, point: Point) -> Seeds:
         """Starts of shape parameters that what is left at a point brings."""

@@ -18,7 +18,7 @@ from experiments.measurement.fits.fit_variables import added, first_value, varia
 ITERATIONS = 8
 SHORT_FIT = 4  # iterations that are enough near a fit
 ENOUGH = 2.0  # fall of chi^2 below which the fit has ended: a parameter is then within its interval
-NEARLY = 1e-3  # of what a fit leaves above the noise: where that is much, falls that decide nothing end it, too
+NEARLY = 1e-4  # of what a fit leaves above the noise: where that is much, falls that decide nothing end it, too
 LEAST_DAMPING, STIFFER = 1e-2, 100.0  # of a step after one that did not bring chi^2 down
 STEP_LENGTHS = (1.0, 0.4, 0.1)
 STARTS = (1.0, 0.7, 0.4, 0.2)  # of the strength that a linear score gives an effect, which may overshoot
@@ -111,12 +111,15 @@ def _solve(
         normal = problem.normal(v, points) if normal is None else normal
         if not np.isfinite(normal.hessian).all():
             break
-        tried = [problem.moved(v, length * problem.step(v, normal, damping)) for length in STEP_LENGTHS]
+        step = problem.step(v, normal, damping)
+        tried = [problem.moved(v, length * step) for length in STEP_LENGTHS]
         tried.append(v)  # only the log's own nuisances move
         found = [problem.follow(c, v, points, normal) for c in tried]
         costs = np.nan_to_num(problem.cost(tried, found), nan=np.inf)  # a step too far may blow the replay up
         i = int(np.argmin(costs))
         if costs[i] >= best:
+            if -step @ normal.gradient < ENOUGH:  # what it promised
+                break
             damping = max(STIFFER * damping, LEAST_DAMPING)
             continue
         fallen, best = best - costs[i], costs[i]

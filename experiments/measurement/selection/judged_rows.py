@@ -6,10 +6,12 @@ A few such rows of hundreds of noises outweigh all that an effect explains.
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from experiments.measurement.evidence.log_evidence import Evidence, Point
-from experiments.measurement.evidence.untold import without_untold
-from experiments.measurement.fits.fit_types import Refitted
+from experiments.measurement.evidence.untold import REACH, without_untold
+from experiments.measurement.fits.fit_types import Nominal, Refitted
+from experiments.measurement.fits.refit import refit
 from experiments.measurement.selection.ladder import Selection
 
 FEW = 0.02  # of a log's rows
@@ -27,6 +29,7 @@ def judged_rows(logs: Sequence[Evidence], selection: Selection) -> tuple[Evidenc
     outside, worst = _left(logs, best)
     if worst < MOST * (outside + worst):
         return None
+    best = _fitted_outside(logs, best, selection.nominal)
     told = tuple(without_untold(log, point) for log, point in zip(logs, best.points, strict=True))
     return told if sum(_left(told, best)) < (1.0 - MOST) * (outside + worst) else None
 
@@ -47,14 +50,27 @@ def _fits(selection: Selection) -> Iterator[Refitted]:
             yield finalist.fit
 
 
+def _fitted_outside(logs: Sequence[Evidence], fit: Refitted, nominal: Sequence[Nominal]) -> Refitted:
+    """A fit's effects and numbers fitted again without its worst rows, which pull them to where they matter least."""
+    others = []
+    for log, point in zip(logs, fit.points, strict=True):
+        rows = _over(log, point)
+        worst = np.isin(np.arange(len(rows)), np.argsort(rows)[-_few(rows) :])
+        others.append(log.without(maximum_filter1d(worst, 2 * REACH + 1)[:, None, None]))
+    return refit(others, fit.effects, nominal, fit)
+
+
+def _few(rows: np.ndarray) -> int:
+    return max(round(FEW * len(rows)), 1)
+
+
 def _left(logs: Sequence[Evidence], fit: Refitted) -> tuple[float, float]:
     """What a fit leaves of the drives above the noise: outside of the FEW worst rows, and in them."""
     outside = worst = 0.0
     for log, point in zip(logs, fit.points, strict=True):
         rows = np.sort(_over(log, point))
-        few = max(round(FEW * len(rows)), 1)
-        outside += max(rows[:-few].sum(), 0.0)
-        worst += rows[-few:].sum()
+        outside += max(rows[: -_few(rows)].sum(), 0.0)
+        worst += rows[-_few(rows) :].sum()
     return outside, worst
 
 
