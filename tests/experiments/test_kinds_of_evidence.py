@@ -45,3 +45,20 @@ def test_what_is_told_part_by_part_goes_with_the_part_s_rows_and_channels(eviden
         assert all(np.broadcast_shapes(state.shape, shape) == shape for state in states.values())
         for joint in np.broadcast_to(part.joint, part.channels.shape).ravel():
             assert {x.shape for x in inputs.beside(joint).values()} == {(rows,)}
+
+
+def test_local_products_are_those_of_the_columns(evidence) -> None:
+    """Of four directions, two at one joint: they share no replay; the others do."""
+    at, atoms = evidence.start(), evidence.atoms
+    column = atoms.of("coulomb_friction")[0]
+    steps = np.zeros((4, atoms.size))
+    here = [0, 0, 4, 7] if column.size > 1 else [0, 0, 0, 0]
+    steps[range(4), [column.start + j for j in here]] = 0.01, 0.02, -0.01, 0.03
+    width = len(steps) + len(evidence.coefficients(at)) + 1
+    dense = np.zeros((evidence.blocks, width, width))
+    for part in evidence.local_parts(at, steps):
+        for b in range(evidence.blocks):
+            rows = part.columns[:, part.block == b].reshape(len(part.columns), -1)
+            dense[b][np.ix_(part.index, part.index)] += rows @ rows.T
+    assert np.abs(dense[:, :4, :4]).max() > 0
+    np.testing.assert_allclose(evidence.local(at, steps), dense, rtol=1e-9, atol=1e-9 * np.abs(dense).max())
