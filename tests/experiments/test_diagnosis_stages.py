@@ -7,11 +7,15 @@ import pytest
 
 from experiments.effects import LIBRARY
 from experiments.measurement.evidence.features import changes_of
+from experiments.measurement.fits.fit_types import Placed
 from experiments.measurement.selection import stages as module
 from experiments.measurement.selection.belief import LEAST_GAIN
+from experiments.measurement.selection.judged_rows import Judged
 from experiments.measurement.selection.select import NOISE
 from experiments.measurement.selection.stages import LITTLE, ROUGH, SEVERAL, WELL_EXPLAINED
 from experiments.measurement.selection.steadiness import _states_of
+
+TOLD = (Placed("bus_voltage_sag", "all", {"resistance": 2.5, "switching": 1.0}),)
 
 
 def stages(
@@ -33,7 +37,8 @@ def stages(
     """
     calls = []
 
-    def select(logs, nominal, say, most=6, least=NOISE, promising=0.0, begun=None, start=None):
+    def select(logs, nominal, say, most=6, least=NOISE, promising=0.0, begun=None, start=None, begin=()):
+        assert bool(begin) == (logs is told and most > 0)  # without rows, from the effects that told which
         calls.append((most, least))
         found = ("backlash",) * effects if promising or (most, least) == finds else ()
         fit = SimpleNamespace(effects=found, nominal=())
@@ -45,7 +50,7 @@ def stages(
     stubs |= {
         "above_floor": lambda *_: above,
         "leaves_more": lambda *_: above > LEAST_GAIN,
-        "judged_rows": lambda *_: told,
+        "judged_rows": lambda *_: None if told is None else Judged(told, TOLD),
         "unexplained": lambda *_: left,
         "excess": lambda _, fit: kept if fit == "kept" else excess if len(calls) < 2 else excess / 2.0,
         "as_numbers": lambda *_: None if kept is None else SimpleNamespace(fit="kept"),

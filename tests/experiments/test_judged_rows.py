@@ -20,7 +20,7 @@ from experiments.measurement.fits.fit_types import Refitted
 from experiments.measurement.intake import read_checked
 from experiments.measurement.selection import judged_rows as module
 from experiments.measurement.selection.belief import Finalist
-from experiments.measurement.selection.judged_rows import judged_rows, set_aside
+from experiments.measurement.selection.judged_rows import Judged, judged_rows, set_aside
 from experiments.model import nominal_model
 from mjx_starleth.names import JOINT_NAMES
 
@@ -108,13 +108,14 @@ def test_rows_are_left_out_if_they_hold_most_of_what_the_best_fit_leaves_and_noi
     log.without = lambda rows: aside.append(rows) or without
     monkeypatch.setattr(module, "without_untold", lambda log, point: without if moves else log)
     monkeypatch.setattr(module, "refit", lambda logs, effects, nominal, start: start if logs == [without] else None)
+    monkeypatch.setattr(module, "from_afar", lambda logs, fit, nominal: fit.effects)
     tried = Finalist(None, fit("tried"), 0.0)
     selection = SimpleNamespace(fit=fit("chosen"), refitted=[[tried]], nominal=())
     found = judged_rows([log], selection)
     assert (found is not None) == told
     assert np.flatnonzero(aside[0]).tolist() == [48, 49, 50, 51, 52, 53]  # its worst rows
     if told:
-        assert found == (without,)
+        assert found == Judged((without,), ())
 
 
 def test_a_misfit_that_is_spread_over_a_log_is_judged_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -61,7 +61,7 @@ def refit_effects(
             x = added(log.atoms, x, variable, value)
         bases.append(x)
     problem = Problem(tuple(logs), tuple(bases), variables_of(logs[0], effects, ()), tuple(blocks))
-    last = [_weaker(logs[0], effects[-1], share) for share in STARTS] + _plausible(logs[0], effects[-1])
+    last = [weaker(logs[0], effects[-1], share) for share in STARTS] + _plausible(logs[0], effects[-1])
     starts = [[*effects[:-1], placed] for placed in last]
     tried = [problem.start(start, (), held) for start in starts]
     costs = problem.cost(tried, [problem.points(v, held.points) for v in tried])
@@ -78,7 +78,7 @@ def _plausible(log: Evidence, placed: Placed) -> list[Placed]:
     return [placed._replace(parameters={**placed.parameters, **values}) for values in strengths]
 
 
-def _weaker(log: Evidence, placed: Placed, share: float) -> Placed:
+def weaker(log: Evidence, placed: Placed, share: float) -> Placed:
     """An effect with a share of its strengths and its own shape."""
     effect = next(e for e in log.atoms.effects if e.name == placed.effect)
     strengths = {p.name: share * placed.parameters[p.name] for p in effect.strengths}

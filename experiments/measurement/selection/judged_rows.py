@@ -4,13 +4,15 @@ A few such rows of hundreds of noises outweigh all that an effect explains.
 """
 
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
 from experiments.measurement.evidence.log_evidence import Evidence, Point
 from experiments.measurement.evidence.untold import REACH, without_untold
-from experiments.measurement.fits.fit_types import Nominal, Refitted
+from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
+from experiments.measurement.fits.from_afar import from_afar
 from experiments.measurement.fits.refit import refit
 from experiments.measurement.selection.ladder import Selection
 
@@ -18,7 +20,14 @@ FEW = 0.02  # of a log's rows
 MOST = 0.5  # of what a fit leaves above the noise, that so few rows hold
 
 
-def judged_rows(logs: Sequence[Evidence], selection: Selection) -> tuple[Evidence, ...] | None:
+class Judged(NamedTuple):
+    """Logs without rows that a fit's replays do not tell, and that fit's effects."""
+
+    logs: tuple[Evidence, ...]
+    effects: tuple[Placed, ...]
+
+
+def judged_rows(logs: Sequence[Evidence], selection: Selection) -> Judged | None:
     """The logs without the rows that the best fit's replays do not tell; None where those do not matter.
 
     The best fit is the one that leaves least outside of its worst rows: it need not have been chosen.
@@ -31,7 +40,7 @@ def judged_rows(logs: Sequence[Evidence], selection: Selection) -> tuple[Evidenc
         return None
     best = _fitted_outside(logs, best, selection.nominal)
     told = tuple(without_untold(log, point) for log, point in zip(logs, best.points, strict=True))
-    return told if sum(_left(told, best)) < (1.0 - MOST) * (outside + worst) else None
+    return Judged(told, best.effects) if sum(_left(told, best)) < (1.0 - MOST) * (outside + worst) else None
 
 
 def set_aside(logs: Sequence[Evidence], judged: Sequence[Evidence]) -> str:
@@ -57,7 +66,7 @@ def _fitted_outside(logs: Sequence[Evidence], fit: Refitted, nominal: Sequence[N
         rows = _over(log, point)
         worst = np.isin(np.arange(len(rows)), np.argsort(rows)[-_few(rows) :])
         others.append(log.without(maximum_filter1d(worst, 2 * REACH + 1)[:, None, None]))
-    return refit(others, fit.effects, nominal, fit)
+    return refit(others, from_afar(others, fit, nominal), nominal, fit)
 
 
 def _few(rows: np.ndarray) -> int:

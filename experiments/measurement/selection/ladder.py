@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from experiments.measurement.fits.fit_types import Nominal, Refitted
+from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.selection.belief import Finalist
 from experiments.measurement.selection.choice import Refuted
 from experiments.measurement.selection.elsewhere import Elsewhere
@@ -36,6 +36,7 @@ class Selection:
     rivals: list[list[Refitted]] = field(default_factory=list)  # of each winner, fitted as well as it
     sure: list[bool] = field(default_factory=list)  # of each winner, when it was chosen
     unsteady: list[Change] = field(default_factory=list)  # of effects that were taken out for it
+    begin: Sequence[Placed] = ()  # effects as another fit has them, from where theirs begin
 
     def take_over(self, other: "Selection", k: int, rung: Rung) -> None:
         """Add the k-th effect of another selection, with what was kept of it, and its fit in this one."""

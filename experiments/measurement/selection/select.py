@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 from experiments.measurement.evidence.features import changes_of
 from experiments.measurement.evidence.log_evidence import Evidence
-from experiments.measurement.fits.fit_types import Nominal, Refitted
+from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fits.footprint import noise_at
 from experiments.measurement.fits.misfit import above_floor, excess
 from experiments.measurement.fits.refit import SHORT_FIT, refit
@@ -38,19 +38,21 @@ def select(
     promising: float = 0.0,
     begun: Rung | None = None,
     start: Refitted | None = None,
+    begin: Sequence[Placed] = (),
 ) -> Selection:
     """Add effects while held-out blocks say that each is there and chi^2 per residual exceeds 1 by over `least`; where
     it does not, the first only if it stands alone.
 
     None is refitted unless the best linear score takes the share `promising` of what chi^2 has over the noise, or is
     far above all others' (of a sharp effect it tells little). `begun` is the ladder's first rung, where it is known
-    from another selection with the same nominal numbers; `start` a fit without effects that is near it.
+    from another selection with the same nominal numbers; `start` a fit without effects that is near it; `begin` effects
+    as another fit has them, from where theirs begin.
     """
     train, test = halves(logs)
     if begun is None:
         fit = refit(logs, (), nominal, start)
         begun = Rung("nominal model", fit, refit(logs, (), nominal, fit, train, SHORT_FIT))
-    selection = Selection(begun.fit, nominal, Elsewhere(logs, nominal), ladder=[begun])
+    selection = Selection(begun.fit, nominal, Elsewhere(logs, nominal), [begun], begin=begin)
     while len(selection.fit.effects) < most:
         chosen = _next(logs, selection, least, promising, say)
         if chosen is None:
@@ -93,6 +95,8 @@ def _scored(logs: Sequence[Evidence], selection: Selection, say: Callable[[str],
     say(f"scoring {len(variants)} hypotheses at every place")
     products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
     ranking = scored_at(logs, products, selection.fit, selection.nominal, changes, variants)
+    known = {(placed.effect, placed.where): placed.parameters for placed in selection.begin}
+    ranking = [s._replace(values=dict(known.get((s.effect.name, s.where), s.values))) for s in ranking]
     selection.rankings.append(ranking)
     return ranking, Round(logs, selection.nominal, changes, products, *halves(logs), say)
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from experiments.measurement.evidence.log_evidence import Evidence
-from experiments.measurement.fits.fit_types import Nominal, Refitted
+from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
 from experiments.measurement.fits.misfit import above_floor, excess
 from experiments.measurement.fits.nominal import (
     all_inexact,
@@ -16,7 +16,7 @@ from experiments.measurement.fits.nominal import (
 from experiments.measurement.fits.refit import refit
 from experiments.measurement.selection.as_numbers import as_numbers
 from experiments.measurement.selection.belief import LEAST_GAIN, LEAST_STEP
-from experiments.measurement.selection.judged_rows import judged_rows
+from experiments.measurement.selection.judged_rows import Judged, judged_rows
 from experiments.measurement.selection.ladder import Selection
 from experiments.measurement.selection.select import MOST_EFFECTS, NEGLIGIBLE, NOISE, leaves_more, select
 from experiments.measurement.selection.verdict import unexplained
@@ -62,7 +62,8 @@ def selected(
     numbers_off = len(numbers_among(strict.fit.effects, freedom)) >= SEVERAL or all_inexact(strict.fit.effects, freedom)
     if well and not numbers_off:
         return evidence, strict
-    told = _where_told(evidence, strict, lambda logs: select(logs, given, say, most, promising=promising))
+    again = lambda on: select(on.logs, given, say, most, promising=promising, begin=on.effects)  # noqa: E731
+    told = _where_told(evidence, strict, again)
     if told is not None:
         evidence, strict = told
         if len(strict.fit.effects) == 1:
@@ -72,16 +73,17 @@ def selected(
     little = max(WELL_EXPLAINED, LITTLE * excess(evidence, strict.ladder[0].fit))
     if kept is not None and excess(evidence, kept.fit) <= little:
         return evidence, kept
-    freed = _freed(evidence, freedom, numbers, say)
+    freed = _freed(evidence, freedom, numbers, say, () if told is None else strict.fit.effects)
     if told is None:
-        further = _where_told(evidence, freed, lambda logs: _freed(logs, freedom, _numbers(logs, freedom, say), say))
+        again = lambda on: _freed(on.logs, freedom, _numbers(on.logs, freedom, say), say, on.effects)  # noqa: E731
+        further = _where_told(evidence, freed, again)
         if further is not None:
             return further
     return evidence, freed if _better(evidence, freed, strict) else strict
 
 
 def _where_told(
-    evidence: tuple[Evidence, ...], selection: Selection, again: Callable[[tuple[Evidence, ...]], Selection]
+    evidence: tuple[Evidence, ...], selection: Selection, again: Callable[[Judged], Selection]
 ) -> tuple[tuple[Evidence, ...], Selection] | None:
     """The logs without the rows that by a selection only noise decides, and the selection made again on them; None
     where there are no such rows, or no effect explains the others roughly."""
@@ -89,7 +91,7 @@ def _where_told(
     if judged is None:
         return None
     found = again(judged)
-    return (judged, found) if found.fit.effects and unexplained(judged, found) < ROUGH else None
+    return (judged.logs, found) if found.fit.effects and unexplained(judged.logs, found) < ROUGH else None
 
 
 def _numbers(logs: tuple[Evidence, ...], freedom: Sequence[Nominal], say: Callable[[str], None]) -> Refitted:
@@ -99,7 +101,11 @@ def _numbers(logs: tuple[Evidence, ...], freedom: Sequence[Nominal], say: Callab
 
 
 def _freed(
-    logs: tuple[Evidence, ...], freedom: Sequence[Nominal], free: Refitted, say: Callable[[str], None]
+    logs: tuple[Evidence, ...],
+    freedom: Sequence[Nominal],
+    free: Refitted,
+    say: Callable[[str], None],
+    begin: Sequence[Placed] = (),
 ) -> Selection:
     """Effects beside free numbers that may be off as far as the others of this robot are."""
     freedom = as_far_as_others(freedom, free)
@@ -108,7 +114,7 @@ def _freed(
     # of the plant stays above its floor
     ill = at_end(freedom, numbers.fit) or above_floor(logs, numbers.fit) > LEAST_GAIN
     least = NOISE if ill else WELL_EXPLAINED
-    return select(logs, freedom, say, least=least, begun=numbers.ladder[0])
+    return select(logs, freedom, say, least=least, begun=numbers.ladder[0], begin=begin)
 
 
 def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bool:
