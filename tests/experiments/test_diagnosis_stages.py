@@ -87,6 +87,22 @@ def test_an_effect_that_is_smaller_than_data_sheets_are_exact_has_to_stand_besid
     assert free == [(0, NOISE), (6, NOISE), (0, NOISE), (6, WELL_EXPLAINED)]
 
 
+@pytest.mark.parametrize(("inexact", "found"), [(False, ("backlash",)), (True, ())])
+def test_effects_beside_free_numbers_that_are_no_larger_than_those_are_exact_are_none(
+    monkeypatch, inexact: bool, found: tuple[str, ...]
+) -> None:
+    """One motor 0.6 % weak, in a robot whose numbers were up to 10 % off, was called an effect (seed 21000, number 4)."""
+    names = iter([(), ("backlash",)])
+    selections = lambda *_, **__: SimpleNamespace(  # noqa: E731
+        fit=SimpleNamespace(effects=next(names)), nominal=(), ladder=[None]
+    )
+    stubs = {"select": selections, "as_far_as_others": lambda freedom, _: freedom, "at_end": lambda *_: ()}
+    stubs |= {"above_floor": lambda *_: 0.0, "all_inexact": lambda effects, _: inexact and bool(effects)}
+    for name, stub in stubs.items():
+        monkeypatch.setattr(module, name, stub)
+    assert module._freed((), (), None, lambda _: None).fit.effects == found
+
+
 def test_a_channel_above_its_floor_is_looked_into_however_little_is_left(monkeypatch) -> None:
     """One constant force is little beside the play in twelve knees, and a delay of one joint beside all the others."""
     assert stages(monkeypatch, 1.5 * WELL_EXPLAINED, 2.0 * LEAST_GAIN)[2:] == [(0, NOISE), (6, NOISE)]

@@ -107,14 +107,18 @@ def _freed(
     say: Callable[[str], None],
     begin: Sequence[Placed] = (),
 ) -> Selection:
-    """Effects beside free numbers that may be off as far as the others of this robot are."""
-    freedom = as_far_as_others(freedom, free)
+    """Effects beside free numbers that may be off as far as the others of this robot are.
+
+    None where they are no larger than numbers are exact: so little do the drives of a kind differ.
+    """
+    given, freedom = freedom, as_far_as_others(freedom, free)
     numbers = select(logs, freedom, say, most=0, start=free)
     # numbers that had to go as far as they may do not explain a log well, however little is left; nor where one part
     # of the plant stays above its floor
     ill = at_end(freedom, numbers.fit) or above_floor(logs, numbers.fit) > LEAST_GAIN
     least = NOISE if ill else WELL_EXPLAINED
-    return select(logs, freedom, say, least=least, begun=numbers.ladder[0], begin=begin)
+    found = select(logs, freedom, say, least=least, begun=numbers.ladder[0], begin=begin)
+    return numbers if all_inexact(found.fit.effects, given) else found
 
 
 def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bool:
