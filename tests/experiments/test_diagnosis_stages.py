@@ -91,7 +91,7 @@ def test_an_effect_that_is_smaller_than_data_sheets_are_exact_has_to_stand_besid
 def test_effects_beside_free_numbers_that_are_no_larger_than_those_are_exact_are_none(
     monkeypatch, inexact: bool, found: tuple[str, ...]
 ) -> None:
-    """One motor 0.6 % weak, in a robot whose numbers were up to 10 % off, was called an effect (seed 21000, number 4)."""
+    """One motor 0.6 % weak, of a robot with numbers 10 % off, was called an effect (seed 21000, number 4)."""
     names = iter([(), ("backlash",)])
     selections = lambda *_, **__: SimpleNamespace(  # noqa: E731
         fit=SimpleNamespace(effects=next(names)), nominal=(), ladder=[None]
