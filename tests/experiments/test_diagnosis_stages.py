@@ -11,6 +11,7 @@ from experiments.measurement.fits.fit_types import Placed
 from experiments.measurement.selection import stages as module
 from experiments.measurement.selection.belief import LEAST_GAIN
 from experiments.measurement.selection.judged_rows import Judged
+from experiments.measurement.selection.ladder import Selection
 from experiments.measurement.selection.select import NOISE
 from experiments.measurement.selection.stages import LITTLE, ROUGH, SEVERAL, WELL_EXPLAINED
 from experiments.measurement.selection.steadiness import _states_of
@@ -31,7 +32,7 @@ def stages(
 ) -> list[tuple[int, float]]:
     """Effects sought at most, and the excess they are sought down to, stage by stage; none explains anything.
 
-    told: the logs without rows that noise decides; left: the share of the misfit that their effects leave; finds: the
+    told: the logs without rows that no replay tells; left: the share of the misfit that their effects leave; finds: the
     stage that finds an effect; effects: how many those with the nominal numbers find; kept: the excess that some of
     them leave where the others are taken as numbers; inexact: whether effects are no larger than numbers are exact.
     """
@@ -42,7 +43,7 @@ def stages(
         calls.append((most, least))
         found = ("backlash",) * effects if promising or (most, least) == finds else ()
         fit = SimpleNamespace(effects=found, nominal=())
-        return SimpleNamespace(fit=fit, ladder=[SimpleNamespace(fit=None)], nominal=())
+        return Selection(fit, (), None, [SimpleNamespace(fit=None)])
 
     stubs = {"select": select, "refit": lambda *_: None, "as_far_as_others": lambda freedom, _: freedom}
     stubs |= {"at_end": lambda *_: (), "nominal_freedom": lambda *_: (), "never_given": lambda *_: ()}
@@ -92,15 +93,19 @@ def test_effects_beside_free_numbers_that_are_no_larger_than_those_are_exact_are
     monkeypatch, inexact: bool, found: tuple[str, ...]
 ) -> None:
     """One motor 0.6 % weak, of a robot with numbers 10 % off, was called an effect (seed 21000, number 4)."""
-    names = iter([(), ("backlash",)])
-    selections = lambda *_, **__: SimpleNamespace(  # noqa: E731
-        fit=SimpleNamespace(effects=next(names)), nominal=(), ladder=[None]
-    )
-    stubs = {"select": selections, "as_far_as_others": lambda freedom, _: freedom, "at_end": lambda *_: ()}
+    chosen = (Selection(SimpleNamespace(effects=names), (), None, [None]) for names in ((), ("backlash",)))
+    both = [replace(one, rankings=[["scored"]] if one.fit.effects else []) for one in chosen]
+    left = iter(both)
+    stubs = {
+        "select": lambda *_, **__: next(left),
+        "as_far_as_others": lambda freedom, _: freedom,
+        "at_end": lambda *_: (),
+    }
     stubs |= {"above_floor": lambda *_: 0.0, "all_inexact": lambda effects, _: inexact and bool(effects)}
     for name, stub in stubs.items():
         monkeypatch.setattr(module, name, stub)
-    assert module._freed((), (), None, lambda _: None).fit.effects == found
+    selection = module._freed((), (), None, lambda _: None)
+    assert selection.fit.effects == found and selection.rankings == [["scored"]]  # what was asked is told
 
 
 def test_a_channel_above_its_floor_is_looked_into_however_little_is_left(monkeypatch) -> None:

@@ -1,4 +1,4 @@
-"""Rows that only noise decides: which they are, when they are left out, and what is found without them."""
+"""Rows that no replay tells: which they are, when they are left out, and what is found without them."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -15,7 +15,7 @@ def unbiased_products(log: Evidence, at: Point, changes: list[Change], biased: P
     """Products of changes and the residual at a point as if the links' motion had been measured without noise, from
     what the log's own `products` are.
 
-    Rows that noise decides are left out: there it does not add, it throws.
+    Rows that no replay tells are left out: there it does not add, it throws.
     """
     if log.drive is None:
         return biased

@@ -18,12 +18,13 @@ LITTLE = 0.01  # of the effects' strengths
 
 
 def untold(drive: DriveEvidence, x: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """Rows (rows, J, 3) whose prediction at atoms x (n,) and shift (J,) next to nothing moves far."""
+    """Rows (rows, J, 3) whose prediction moves far for next to nothing, at atoms x (n,) and shift (J,)."""
     change = LITTLE * np.where(drive.atoms.strengths(), x, 0.0)
     clean, more, less = drive.predict(np.stack([x, x + change, x - change]), np.stack([shift] * 3))
     runs = [drive.play(drive.log, motion, x[None], shift[None])[0, : drive.rows] for motion in drive.renoised]
     moved = [np.abs(more + less - 2.0 * clean), *(np.abs(run - clean) for run in runs)]
-    return maximum_filter1d(np.max(moved, 0) / drive.floor > FAR, 2 * REACH + 1, axis=0)
+    near = np.max(moved, 0) / drive.floor <= FAR  # what is no number is not near
+    return maximum_filter1d(~near, 2 * REACH + 1, axis=0)
 
 
 def without_untold(log: RobotEvidence, at: Point) -> RobotEvidence:

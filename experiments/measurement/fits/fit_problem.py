@@ -67,10 +67,6 @@ class Problem:
             found += (log.chi2(mine) * self.masks[i]).sum(1) + [(log.coefficients(p) ** 2).sum() for p in mine]
         return found
 
-    def absolute(self, points: Sequence[Sequence[Point]]) -> np.ndarray:
-        """Sum of absolute residuals of the blocks, which a few rows far off do not outweigh, for each candidate."""
-        return np.array([sum(map(_absolute, self.logs, p, self.masks)) for p in points])
-
     def above_noise(self, cost: float) -> float:
         """What a cost is more than noise alone would leave."""
         return cost - sum(float(log.weight()[mask].sum()) for log, mask in zip(self.logs, self.masks, strict=True))
@@ -111,10 +107,6 @@ class Problem:
             shift, offset = log.nuisances(own.best + own.follow @ (new - v))
             found.append(Point(self.x(i, new), point.shift + shift, point.offset + offset))
         return found
-
-
-def _absolute(log: Evidence, point: Point, blocks: np.ndarray) -> float:
-    return sum(float((np.abs(r.residual) / np.sqrt(r.part.tau))[blocks[r.part.block]].sum()) for r in log.rests(point))
 
 
 def _reduced(gram: np.ndarray, now: np.ndarray, unit: np.ndarray) -> tuple[np.ndarray, np.ndarray, Own]:

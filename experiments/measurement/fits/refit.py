@@ -106,7 +106,7 @@ def _solve(
     logs = problem.logs
     v = problem.start(effects, nominal, start)
     points = problem.points(v, start.points if start else [log.start() for log in logs])
-    damping, best, normal = 1e-6, problem.cost([v], [points])[0], None
+    damping, best, normal = 1e-6, np.nan_to_num(problem.cost([v], [points])[0], nan=np.inf), None
     for _ in range(iterations):
         normal = problem.normal(v, points) if normal is None else normal
         if not np.isfinite(normal.hessian).all():
@@ -118,7 +118,7 @@ def _solve(
         costs = np.nan_to_num(problem.cost(tried, found), nan=np.inf)  # a step too far may blow the replay up
         i = int(np.argmin(costs))
         if costs[i] >= best:
-            if -step @ normal.gradient < ENOUGH:  # what it promised
+            if (v - tried[0]) @ normal.gradient < ENOUGH:  # what the step promised, within the bounds
                 break
             damping = max(STIFFER * damping, LEAST_DAMPING)
             continue
@@ -126,7 +126,7 @@ def _solve(
         v, points = tried[i], found[i]
         damping = damping * 10 if i >= 2 else damping / 3
         if fallen < max(ENOUGH, NEARLY * problem.above_noise(best)) and i < len(STEP_LENGTHS):
-            break
+            break  # what holds a step before the end of a fit, holds there
         normal = None
     normal = problem.normal(v, points) if normal is None else normal
     if not np.isfinite(normal.hessian).all():
@@ -137,7 +137,7 @@ def _solve(
 
 
 def _blown_up(problem: Problem, effects, nominal, v: np.ndarray, points: Sequence[Point]) -> Refitted:
-    """A fit whose replay, there or a small step away, is no number: it explains nothing and is never chosen."""
+    """A fit whose replay is no number a small step away: it explains nothing and is never chosen."""
     chi2 = tuple(np.full(log.blocks, BLOWN_UP) for log in problem.logs)
     return _result(effects, problem.variables, nominal, v, np.zeros((len(v), len(v))), tuple(points), chi2)
 

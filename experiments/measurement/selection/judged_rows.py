@@ -1,4 +1,4 @@
-"""Which rows a log is judged on: those aside that, by the best of what was tried, only noise decides.
+"""Which rows a log is judged on: those aside that, by the best of what was tried, next to nothing decides.
 
 A few such rows of hundreds of noises outweigh all that an effect explains.
 """
@@ -40,7 +40,7 @@ def judged_rows(logs: Sequence[Evidence], selection: Selection) -> Judged | None
         return None
     best = _fitted_outside(logs, best, selection.nominal)
     told = tuple(without_untold(log, point) for log, point in zip(logs, best.points, strict=True))
-    return Judged(told, best.effects) if sum(_left(told, best)) < (1.0 - MOST) * (outside + worst) else None
+    return Judged(told, best.effects) if sum(_left(told, best)) < (1.0 - MOST) * sum(_left(logs, best)) else None
 
 
 def set_aside(logs: Sequence[Evidence], judged: Sequence[Evidence]) -> str:
@@ -48,7 +48,8 @@ def set_aside(logs: Sequence[Evidence], judged: Sequence[Evidence]) -> str:
     whole, told = (sum(float(log.drive.used.sum()) for log in some if log.drive is not None) for some in (logs, judged))
     if told == whole:
         return ""
-    return f"{1.0 - told / whole:.1%} of what the drives tell is not judged: there noise decides how the motors switch."
+    share = f"{1.0 - told / whole:.1%} of what the drives tell"
+    return f"{share} is not judged: next to nothing decides there how the motors switch."
 
 
 def _fits(selection: Selection) -> Iterator[Refitted]:
@@ -64,7 +65,8 @@ def _fitted_outside(logs: Sequence[Evidence], fit: Refitted, nominal: Sequence[N
     others = []
     for log, point in zip(logs, fit.points, strict=True):
         rows = _over(log, point)
-        worst = np.isin(np.arange(len(rows)), np.argsort(rows)[-_few(rows) :])
+        worst = np.zeros(len(rows), bool)
+        worst[np.argsort(rows)[-_few(rows) :]] = True
         others.append(log.without(maximum_filter1d(worst, 2 * REACH + 1)[:, None, None]))
     return refit(others, from_afar(others, fit, nominal), nominal, fit)
 
@@ -78,7 +80,7 @@ def _left(logs: Sequence[Evidence], fit: Refitted) -> tuple[float, float]:
     outside = worst = 0.0
     for log, point in zip(logs, fit.points, strict=True):
         rows = np.sort(_over(log, point))
-        outside += max(rows[: -_few(rows)].sum(), 0.0)
+        outside += max(rows[: -_few(rows)].sum(), 0.0) if np.isfinite(rows).all() else np.inf
         worst += rows[-_few(rows) :].sum()
     return outside, worst
 

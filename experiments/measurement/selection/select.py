@@ -95,9 +95,9 @@ def _scored(logs: Sequence[Evidence], selection: Selection, say: Callable[[str],
     say(f"scoring {len(variants)} hypotheses at every place")
     products = [log.products(point, changes) for log, point in zip(logs, selection.fit.points, strict=True)]
     ranking = scored_at(logs, products, selection.fit, selection.nominal, changes, variants)
-    known = {(placed.effect, placed.where): placed.parameters for placed in selection.begin}
-    ranking = [s._replace(values=dict(known.get((s.effect.name, s.where), s.values))) for s in ranking]
     selection.rankings.append(ranking)
+    known = {(placed.effect, placed.where): placed.parameters for placed in selection.begin}
+    ranking = [s._replace(values={**s.values, **known.get((s.effect.name, s.where), {})}) for s in ranking]
     return ranking, Round(logs, selection.nominal, changes, products, *halves(logs), say)
 
 

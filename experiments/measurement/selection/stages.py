@@ -1,6 +1,7 @@
 """The stages of a selection: the nominal numbers as they stand, those a little off, effects beside either."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from experiments.measurement.evidence.log_evidence import Evidence
 from experiments.measurement.fits.fit_types import Nominal, Placed, Refitted
@@ -26,7 +27,7 @@ WELL_EXPLAINED = 0.02  # excess of chi^2 per residual at which the nominal numbe
 CLEARLY_LESS = 0.8  # of the excess, that free numbers have to leave at most where they need as many effects
 SEVERAL = 2  # effects that may be nominal numbers, from which a robot's numbers are off rather than all these missing
 LITTLE = 0.005  # of what the nominal model leaves: effects that leave no more beside free numbers are what is missing
-ROUGH = 0.1  # of the misfit: by how much replays may be off that noise decides in places
+ROUGH = 0.1  # of the misfit: by how much replays may be off where next to nothing decides
 PROMISING = 0.5  # of the excess: with the nominal numbers as they stand, each effect has to explain most of the rest
 
 
@@ -85,7 +86,7 @@ def selected(
 def _where_told(
     evidence: tuple[Evidence, ...], selection: Selection, again: Callable[[Judged], Selection]
 ) -> tuple[tuple[Evidence, ...], Selection] | None:
-    """The logs without the rows that by a selection only noise decides, and the selection made again on them; None
+    """The logs without the rows that by a selection no replay tells, and the selection made again on them; None
     where there are no such rows, or no effect explains the others roughly."""
     judged = judged_rows(evidence, selection)
     if judged is None:
@@ -109,16 +110,18 @@ def _freed(
 ) -> Selection:
     """Effects beside free numbers that may be off as far as the others of this robot are.
 
-    None where they are no larger than numbers are exact: so little do the drives of a kind differ.
+    No effects where all that are found are no larger than numbers are exact: so much may drives of a kind differ.
     """
-    given, freedom = freedom, as_far_as_others(freedom, free)
+    wide, freedom = freedom, as_far_as_others(freedom, free)
     numbers = select(logs, freedom, say, most=0, start=free)
     # numbers that had to go as far as they may do not explain a log well, however little is left; nor where one part
     # of the plant stays above its floor
     ill = at_end(freedom, numbers.fit) or above_floor(logs, numbers.fit) > LEAST_GAIN
     least = NOISE if ill else WELL_EXPLAINED
     found = select(logs, freedom, say, least=least, begun=numbers.ladder[0], begin=begin)
-    return numbers if all_inexact(found.fit.effects, given) else found
+    if not all_inexact(found.fit.effects, wide):
+        return found
+    return replace(numbers, rankings=found.rankings, refitted=found.refitted, refuted=found.refuted)
 
 
 def _better(logs: Sequence[Evidence], freed: Selection, strict: Selection) -> bool:
