@@ -260,6 +260,19 @@ def test_only_of_sharp_effects_plausible_strengths_are_tried_beside_the_scores()
     assert _plausible(log, Placed("coulomb_friction", "all", {"torque": 0.01})) == []
 
 
+def test_an_effect_begins_where_another_fit_has_it_and_is_told_as_it_scored(monkeypatch) -> None:
+    scored = [Scored(LIBRARY["backlash"], where, 9.0, {"half_width": 0.1}, None) for where in ("KFE", "LF")]
+    fit = Refitted((), np.zeros(0), np.zeros(0), (None,), (), np.zeros((0, 0)))
+    stubs = {"changes_of": lambda *_: ([], []), "halves": lambda _: ((), ()), "scored_at": lambda *_: scored}
+    for name, stub in stubs.items():
+        monkeypatch.setattr(select, name, stub)
+    log = SimpleNamespace(atoms=SimpleNamespace(effects=()), products=lambda *_: None)
+    selection = Selection(fit, (), None, begin=(Placed("backlash", "KFE", {"half_width": 0.02}),))
+    begun, _ = select._scored([log], selection, lambda _: None)
+    assert [one.values["half_width"] for one in begun] == [0.02, 0.1]
+    assert selection.rankings == [scored]
+
+
 @pytest.mark.parametrize(("spread", "kept"), [((0.001, 0.1), 2), ((0.2, 0.01), 0)])
 def test_an_effect_that_no_later_one_has_helped_to_tell_from_none_is_taken_back(spread, kept) -> None:
     placed = (Placed("backlash", "HFE", {"half_width": 0.01}), Placed("torque_constant", "all", {"relative": 0.2}))
