@@ -28,9 +28,10 @@ class Judged(NamedTuple):
 
 
 def judged_rows(logs: Sequence[Evidence], selection: Selection) -> Judged | None:
-    """The logs without the rows that the best fit's replays do not tell; None where those do not matter.
+    """The logs without the rows that the best fit's replays do not tell; None where that leaves no less than half.
 
     The best fit is the one that leaves least outside of its worst rows: it need not have been chosen.
+    Fitted again without those it may leave much less by itself, and is worth a selection that begins there.
     """
     if any(log.drive is None for log in logs):
         return None
@@ -40,7 +41,7 @@ def judged_rows(logs: Sequence[Evidence], selection: Selection) -> Judged | None
         return None
     best = _fitted_outside(logs, best, selection.nominal)
     told = tuple(without_untold(log, point) for log, point in zip(logs, best.points, strict=True))
-    return Judged(told, best.effects) if sum(_left(told, best)) < (1.0 - MOST) * sum(_left(logs, best)) else None
+    return Judged(told, best.effects) if sum(_left(told, best)) < (1.0 - MOST) * (outside + worst) else None
 
 
 def set_aside(logs: Sequence[Evidence], judged: Sequence[Evidence]) -> str:
