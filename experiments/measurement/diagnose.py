@@ -19,10 +19,12 @@ from experiments.measurement.selection.leftover import Hint, hints
 from experiments.measurement.selection.pruning import take_out_unsteady
 from experiments.measurement.selection.stages import selected
 from experiments.measurement.selection.verdict import (
+    WHOLE,
     Verdict,
     decide,
     effect_entries,
     fit_percents,
+    held_out_error,
     held_out_rms,
     ranking_entries,
     unexplained,
@@ -83,7 +85,7 @@ def in_words(
         "not_identifiable": f"The model lacks {named}, or {', or '.join(ties)}: this motion cannot tell them apart.",
         "unknown": "Something is missing that no effect of the library explains.",
     }[verdict]
-    told = [verdict_text, *(log.not_judged for log in logs if log.not_judged)]
+    told = [verdict_text, *_less_sure(verdict, selection, logs), *(log.not_judged for log in logs if log.not_judged)]
     for one in selection.refuted:
         told.append(
             f"{one.effect} at {one.where} explains some of the logs and makes {one.log} worse: "
@@ -93,6 +95,17 @@ def in_words(
     if verdict not in ("none", "explained") and rest:
         told.append(f"Of what is left, {', and '.join(hint.in_words() for hint in rest[:HINTS_TOLD])}.")
     return " ".join(told)
+
+
+def _less_sure(verdict: Verdict, selection: Selection, logs: Sequence[Evidence]) -> list[str]:
+    """That what explains all of a log, fitted to half of it, does not explain the other half; empty where it does."""
+    held_out = held_out_error(logs, selection.ladder[-1].proof) if verdict == "explained" else 0.0
+    if held_out <= WHOLE:
+        return []
+    return [
+        f"Fitted to half of it, it leaves {held_out:.1f} times the noise in the worst channel of the other half: its "
+        "numbers may be farther off than their intervals say."
+    ]
 
 
 def _answer(verdict, effects, selection: Selection, logs, text: str, further: str, rest) -> dict[str, Any]:

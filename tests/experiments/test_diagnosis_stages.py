@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from experiments.effects import LIBRARY
+from experiments.measurement import diagnose as diagnosis
 from experiments.measurement.evidence.features import changes_of
 from experiments.measurement.fits.fit_types import Placed
 from experiments.measurement.selection import stages as module
@@ -156,3 +157,14 @@ def test_an_effect_of_the_users_that_says_it_is_sharp_is_tried_so_too() -> None:
 def test_only_time_tells_whether_a_fine_effect_is_steady() -> None:
     own = replace(LIBRARY["cubic_friction"], name="own")
     assert [len(_states_of(one)) for one in (own, replace(own, fine=True), replace(own, sharp=True))] == [4, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "held_out", "told"), [("explained", 4.46, 1), ("explained", 1.4, 0), ("none", 9, 0)]
+)
+def test_it_is_told_when_half_of_a_log_does_not_teach_the_other_half(monkeypatch, verdict, held_out, told) -> None:
+    """hops with a supply of 2.5 ohm were explained whole, and by half of them to 4.46 noises."""
+    monkeypatch.setattr(diagnosis, "held_out_error", lambda logs, proof: held_out)
+    selection = Selection(None, (), None, [SimpleNamespace(proof=None)])
+    words = diagnosis._less_sure(verdict, selection, ())
+    assert len(words) == told and all("4.5 times the noise" in sentence for sentence in words)

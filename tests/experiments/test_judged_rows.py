@@ -1,7 +1,7 @@
 """Rows that no replay tells: which they are, when they are left out, and what is found without them."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +16,7 @@ from experiments.measurement.evidence.atoms import Atoms
 from experiments.measurement.evidence.log_evidence import Point
 from experiments.measurement.evidence.robot_evidence import RobotEvidence
 from experiments.measurement.evidence.untold import untold, without_untold
-from experiments.measurement.fits.fit_types import Refitted
+from experiments.measurement.fits.fit_types import Placed, Refitted
 from experiments.measurement.intake import read_checked
 from experiments.measurement.selection import judged_rows as module
 from experiments.measurement.selection.belief import Finalist
@@ -26,7 +26,8 @@ from mjx_starleth.names import JOINT_NAMES
 
 ROWS, JOINTS = 100, 2
 POINT = Point(np.zeros(1), np.zeros(JOINTS), np.zeros(0))
-FITS = ["chosen", "tried"]
+FITS = ["chosen", "tried", "blown up"]
+BEGUN = (Placed("bus_voltage_sag", "all", {"resistance": 2.5, "switching": 1.0}),)
 
 
 def drive_of(predict: Callable[[np.ndarray], np.ndarray], noisier: np.ndarray | None = None) -> SimpleNamespace:
@@ -65,6 +66,13 @@ def test_a_row_is_untold_where_a_hundredth_of_an_effect_moves_it_far_to_one_side
     assert rows.tolist() == [68, 69, 70, 71, 72] and set(joints) == {1} and set(channels) == {2}
 
 
+def test_what_is_no_number_is_not_told() -> None:
+    blown_up = np.zeros((ROWS, JOINTS, 3))
+    blown_up[20, 0, 1] = np.nan
+    drive = drive_of(lambda xs: np.zeros((len(xs), ROWS, JOINTS, 3)), blown_up)
+    assert np.flatnonzero(untold(drive, POINT.x, POINT.shift).any((1, 2))).tolist() == [18, 19, 20, 21, 22]
+
+
 @dataclass(frozen=True)
 class Told:
     used: np.ndarray
@@ -101,21 +109,22 @@ def log_of(residuals: dict[str, np.ndarray]) -> SimpleNamespace:
 def test_rows_are_left_out_if_they_hold_most_of_what_the_best_fit_leaves_and_noise_moves_them(
     monkeypatch: pytest.MonkeyPatch, moves: bool, told: bool
 ) -> None:
-    few, calm = np.ones(ROWS), np.ones(ROWS)
+    few, calm = np.full(ROWS, 1.1), np.ones(ROWS)
     few[50:52] = 300.0
-    log, without = log_of({"chosen": np.full(ROWS, 20.0), "tried": few}), log_of({"tried": calm})
+    blown_up = np.where(np.arange(ROWS) < ROWS - 1, 0.0, np.nan)
+    log, without = log_of({"chosen": np.full(ROWS, 20.0), "tried": few, "blown up": blown_up}), log_of({"tried": calm})
     aside = []
     log.without = lambda rows: aside.append(rows) or without
     monkeypatch.setattr(module, "without_untold", lambda log, point: without if moves else log)
-    monkeypatch.setattr(module, "refit", lambda logs, effects, nominal, start: start if logs == [without] else None)
-    monkeypatch.setattr(module, "from_afar", lambda logs, fit, nominal: fit.effects)
-    tried = Finalist(None, fit("tried"), 0.0)
-    selection = SimpleNamespace(fit=fit("chosen"), refitted=[[tried]], nominal=())
+    monkeypatch.setattr(module, "from_afar", lambda logs, fit, nominal: BEGUN)
+    monkeypatch.setattr(module, "refit", lambda logs, effects, nominal, start: replace(start, effects=effects))
+    tried = [Finalist(None, fit(name), 0.0) for name in ("tried", "blown up")]
+    selection = SimpleNamespace(fit=fit("chosen"), refitted=[tried], nominal=())
     found = judged_rows([log], selection)
     assert (found is not None) == told
     assert np.flatnonzero(aside[0]).tolist() == [48, 49, 50, 51, 52, 53]  # its worst rows
     if told:
-        assert found == Judged((without,), ())
+        assert found == Judged((without,), BEGUN)
 
 
 def test_a_misfit_that_is_spread_over_a_log_is_judged_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -126,6 +126,16 @@ def test_a_fit_that_stands_where_it_should_asks_once() -> None:
     assert log.asked == 1 and found.covariance[0, 0] > 0
 
 
+@pytest.mark.parametrize(("start", "hidden"), [(HIDDEN, HIDDEN), (20_000.0, 21_000.0)], ids=["found", "beyond its end"])
+def test_a_fit_that_cannot_gain_anything_tries_no_more(start: float, hidden: float) -> None:
+    log = Counted(rest=0.0)
+    log.residual = lambda x: x[0] - hidden
+    tried = []
+    log.chi2 = lambda points: tried.append(points) or Formula.chi2(log, points)
+    found = refit([log], [Placed("spring_stiffening", "axis", {"cubic": start})], ())
+    assert found.effects[0].parameters["cubic"] == start and len(tried) == 3  # at first, one step, and what it is then
+
+
 class Pushed:
     """Stands for the bodies of a log: one channel with the same residual on all rows, which should be off by half."""
 

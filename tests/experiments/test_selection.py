@@ -268,6 +268,8 @@ def test_an_effect_begins_where_another_fit_has_it_and_is_told_as_it_scored(monk
         monkeypatch.setattr(select, name, stub)
     log = SimpleNamespace(atoms=SimpleNamespace(effects=()), products=lambda *_: None)
     selection = Selection(fit, (), None, begin=(Placed("backlash", "KFE", {"half_width": 0.02}),))
+    rung = Rung("", fit, fit)
+    assert select.select([log], (), print, most=0, begun=rung, begin=selection.begin).begin == selection.begin
     begun, _ = select._scored([log], selection, lambda _: None)
     assert [one.values["half_width"] for one in begun] == [0.02, 0.1]
     assert selection.rankings == [scored]

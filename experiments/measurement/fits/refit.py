@@ -126,7 +126,7 @@ def _solve(
         v, points = tried[i], found[i]
         damping = damping * 10 if i >= 2 else damping / 3
         if fallen < max(ENOUGH, NEARLY * problem.above_noise(best)) and i < len(STEP_LENGTHS):
-            break  # what holds a step before the end of a fit, holds there
+            break  # its covariance is that of a step before: near enough, but rough where it ends with much left
         normal = None
     normal = problem.normal(v, points) if normal is None else normal
     if not np.isfinite(normal.hessian).all():

@@ -63,8 +63,11 @@ def selected(
     numbers_off = len(numbers_among(strict.fit.effects, freedom)) >= SEVERAL or all_inexact(strict.fit.effects, freedom)
     if well and not numbers_off:
         return evidence, strict
-    again = lambda on: select(on.logs, given, say, most, promising=promising, begin=on.effects)  # noqa: E731
-    told = _where_told(evidence, strict, again)
+
+    def strictly_again(judged: Judged) -> Selection:
+        return select(judged.logs, given, say, most, promising=promising, begin=judged.effects)
+
+    told = _where_told(evidence, strict, strictly_again)
     if told is not None:
         evidence, strict = told
         if len(strict.fit.effects) == 1:
@@ -76,8 +79,11 @@ def selected(
         return evidence, kept
     freed = _freed(evidence, freedom, numbers, say, () if told is None else strict.fit.effects)
     if told is None:
-        again = lambda on: _freed(on.logs, freedom, _numbers(on.logs, freedom, say), say, on.effects)  # noqa: E731
-        further = _where_told(evidence, freed, again)
+
+        def freed_again(judged: Judged) -> Selection:
+            return _freed(judged.logs, freedom, _numbers(judged.logs, freedom, say), say, judged.effects)
+
+        further = _where_told(evidence, freed, freed_again)
         if further is not None:
             return further
     return evidence, freed if _better(evidence, freed, strict) else strict
